@@ -6,7 +6,7 @@ pub(crate) use prepared::Prepared;
 
 use super::data::{Data, Run};
 use super::form::{Form, Shape, Span};
-use super::model::{Error, ForwardModel, Site};
+use super::model::{Error, ForwardModel, Regressor, Site};
 use super::term::{Ranges, Term, Terms};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -88,33 +88,37 @@ impl<'a> Bench<'a> {
         for prepared in &self.training {
             self.predict(prepared.run, start, &[], Some(&ranges))?;
         }
-        let of_data = |name: &str| {
-            let values = self.training.iter().filter_map(|prepared| prepared.run.column(name)).flatten();
-            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], x| [least.min(*x), most.max(*x)])
+        let mut spans = Vec::with_capacity(self.model.sites().len());
+        for site in self.model.sites() {
+            let regressors = site.regressors.iter().map(|regressor| self.span(site, regressor, &ranges));
+            spans.push(regressors.collect::<Result<_, _>>()?);
+        }
+        Ok(spans)
+    }
+
+    /// Range of one regressor; `ranges` are those that the model stated.
+    fn span(&self, site: &Site, regressor: &Regressor, ranges: &Ranges) -> Result<Span, Error> {
+        let [least, most] = match (regressor.range, &site.adds_to) {
+            (Some(range), _) => range,
+            (None, Some(_)) => self.range_of(&regressor.name),
+            (None, None) => ranges.get(&site.name, &regressor.name).unwrap_or([0.0, 0.0]),
         };
-        let of_site = |site: &Site| {
-            let of_regressor = |regressor: &super::model::Regressor| {
-                let range = match (regressor.range, &site.adds_to) {
-                    (Some(range), _) => range,
-                    (None, Some(_)) => of_data(&regressor.name),
-                    (None, None) => ranges.get(&site.name, &regressor.name).unwrap_or([0.0, 0.0]),
-                };
-                let [least, most] = range;
-                if most > least && (most - least).is_finite() {
-                    let step = if site.adds_to.is_some() { self.step_of(&regressor.name) } else { 0.0 };
-                    return Ok(Span { from: least, to: most, resolution: regressor.resolution, step });
-                }
-                Err(Error::Declaration {
-                    what: "regressor",
-                    name: format!("{}/{}", site.name, regressor.name),
-                    problem: "the model states no two values of it, and no range is declared".to_owned(),
-                    expected: "a range, or a model that states it where it adds the terms of the site"
-                        .to_owned(),
-                })
-            };
-            site.regressors.iter().map(of_regressor).collect::<Result<Vec<_>, _>>()
-        };
-        self.model.sites().iter().map(of_site).collect()
+        if most > least && (most - least).is_finite() {
+            let step = if site.adds_to.is_some() { self.step_of(&regressor.name) } else { 0.0 };
+            return Ok(Span { from: least, to: most, resolution: regressor.resolution, step });
+        }
+        Err(Error::Declaration {
+            what: "regressor",
+            name: format!("{}/{}", site.name, regressor.name),
+            problem: "the model states no two values of it, and no range is declared".to_owned(),
+            expected: "a range, or a model that states it where it adds the terms of the site".to_owned(),
+        })
+    }
+
+    /// Least and largest value of a column of the runs that are fitted.
+    fn range_of(&self, name: &str) -> [f64; 2] {
+        let values = self.training.iter().filter_map(|prepared| prepared.run.column(name)).flatten();
+        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], x| [least.min(*x), most.max(*x)])
     }
 
     /// Mean distance of neighbouring values of a column of the runs that are fitted.
@@ -283,14 +287,22 @@ impl<'a> Bench<'a> {
         values: &[f64],
         terms: &[Term],
     ) -> Result<Vec<DVector<f64>>, Error> {
-        let of_run = |prepared: &Prepared<'a>| {
+        self.each(runs.iter().collect(), |prepared| {
             let predicted = self.predict(prepared.run, values, terms, None)?;
             Ok(prepared.measured() - prepared.means(&predicted, &self.scales))
-        };
+        })
+    }
+
+    /// Results in the order of the items, computed on all cores where the model allows that.
+    pub fn each<T: Send, R: Send>(
+        &self,
+        items: Vec<T>,
+        compute: impl Fn(T) -> Result<R, Error> + Sync + Send,
+    ) -> Result<Vec<R>, Error> {
         if self.model.is_parallel() {
-            runs.par_iter().map(of_run).collect()
+            items.into_par_iter().map(compute).collect()
         } else {
-            runs.iter().map(of_run).collect()
+            items.into_iter().map(compute).collect()
         }
     }
 

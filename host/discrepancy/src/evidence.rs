@@ -25,7 +25,7 @@ pub use elimination::Elimination;
 pub use inverse::Inverse;
 
 use factor::{inverse_root, ln_diagonal, take_off_products};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Dyn, Matrix, StorageMut};
 
 /// No size is smaller than this share of its everyday one: it has no influence there.
 const MIN_SHARE: f64 = 1e-4;
@@ -43,6 +43,31 @@ pub struct Group {
     pub smaller_sd_ln: f64,
     /// Factor by which `everyday` is larger than in an ordinary rig.
     pub multiple: f64,
+}
+
+impl Group {
+    /// Minus the logarithm of the prior of a size, and its derivative by the logarithm of the size.
+    fn minus_ln_prior(&self, size: f64) -> (f64, f64) {
+        let Some(tail) = self.tail else { return (0.0, 0.0) };
+        let ratio = size / self.everyday;
+        if ratio < 1.0 {
+            let ln = ratio.ln() / self.smaller_sd_ln;
+            (0.5 * ln * ln, ln / self.smaller_sd_ln)
+        } else {
+            let excess = (ratio - 1.0) / tail;
+            (0.5 * excess * excess, excess * ratio / tail)
+        }
+    }
+}
+
+/// Size of each pattern by its group; 0 where none is stated.
+fn sizes_of(groups: &[usize], sizes: &[f64]) -> DVector<f64> {
+    let sizes = groups.iter().map(|group| sizes.get(*group).copied().unwrap_or(0.0));
+    DVector::from_iterator(groups.len(), sizes)
+}
+
+fn scale_columns<S: StorageMut<f64, Dyn, Dyn>>(matrix: &mut Matrix<f64, Dyn, Dyn, S>, sizes: &DVector<f64>) {
+    matrix.column_iter_mut().zip(sizes.iter()).for_each(|(mut column, size)| column *= *size);
 }
 
 /// The patterns of all runs, whitened.
@@ -105,11 +130,9 @@ impl Patterns {
 
     /// No discrepancy at all: noise alone, in runs of so many readings.
     pub fn none(readings: impl Iterator<Item = usize>) -> Self {
-        let of_run = |count: usize| {
-            let no_patterns = DMatrix::zeros(count, 0);
-            RunPatterns::new(Vec::new(), no_patterns.clone(), no_patterns)
-        };
-        Self::new(Vec::new(), Vec::new(), readings.map(of_run).collect())
+        let runs = readings
+            .map(|count| RunPatterns::new(Vec::new(), DMatrix::zeros(count, 0), DMatrix::zeros(count, 0)));
+        Self::new(Vec::new(), Vec::new(), runs.collect())
     }
 
     /// Only those of known size: the tolerances of what is stated. The others have size 0.
@@ -161,16 +184,12 @@ impl Patterns {
     /// `u^T C^T S C u`.
     pub fn variance_of_sum(&self, sizes: &[f64], products: &Products, factors: &DVector<f64>) -> f64 {
         let of_noise = factors.dot(&(&products.among * factors));
-        let square = |groups: &[usize], by_column: &DMatrix<f64>| -> f64 {
-            let amplitudes = by_column * factors;
-            groups
-                .iter()
-                .zip(amplitudes.iter())
-                .filter_map(|(group, amplitude)| Some((sizes.get(*group)? * amplitude).powi(2)))
-                .sum()
-        };
-        let own = self.runs.iter().zip(&products.own).map(|(run, own)| square(&run.own_groups, own));
-        of_noise + own.sum::<f64>() + square(&self.shared_groups, &products.shared)
+        let of_runs = self.runs.iter().zip(&products.own).map(|(run, by_column)| {
+            let sds = (by_column * factors).component_mul(&sizes_of(&run.own_groups, sizes));
+            sds.iter().map(|sd| sd * sd).sum::<f64>()
+        });
+        let of_shared = (&products.shared * factors).component_mul(&sizes_of(&self.shared_groups, sizes));
+        of_noise + of_runs.sum::<f64>() + of_shared.iter().map(|sd| sd * sd).sum::<f64>()
     }
 
     /// A column (one part per run) less what the patterns of these sizes have of it: `S^-1 c`.
@@ -194,18 +213,8 @@ impl Patterns {
 
     /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.
     pub fn size_prior(&self, sizes: &[f64]) -> (f64, Vec<f64>) {
-        let of_group = |(group, size): (&Group, &f64)| {
-            let Some(tail) = group.tail else { return (0.0, 0.0) };
-            let ratio = size / group.everyday;
-            if ratio < 1.0 {
-                let ln = ratio.ln() / group.smaller_sd_ln;
-                (0.5 * ln * ln, ln / group.smaller_sd_ln)
-            } else {
-                let excess = (ratio - 1.0) / tail;
-                (0.5 * excess * excess, excess * ratio / tail)
-            }
-        };
-        let priors: Vec<(f64, f64)> = self.groups.iter().zip(sizes).map(of_group).collect();
+        let priors: Vec<(f64, f64)> =
+            self.groups.iter().zip(sizes).map(|(group, size)| group.minus_ln_prior(*size)).collect();
         (priors.iter().map(|(value, _)| value).sum(), priors.into_iter().map(|(_, slope)| slope).collect())
     }
 
@@ -216,8 +225,7 @@ impl Patterns {
         let columns = products.among.ncols();
         let own_side = shared + columns;
         let mut normal_matrix = DMatrix::zeros(own_side, own_side);
-        let size_of = |group: &usize| sizes.get(*group).copied().unwrap_or(0.0);
-        let shared_sizes: Vec<f64> = self.shared_groups.iter().map(size_of).collect();
+        let shared_sizes = sizes_of(&self.shared_groups, sizes);
         for i in 0..shared {
             for j in 0..=i {
                 normal_matrix[(i, j)] = shared_sizes[i] * self.shared_gram[(i, j)] * shared_sizes[j];
@@ -238,7 +246,7 @@ impl Patterns {
         let mut half_ln_determinant = 0.0;
         let mut runs = Vec::with_capacity(self.runs.len());
         for (run, own_products) in self.runs.iter().zip(&products.own) {
-            let own_sizes: Vec<f64> = run.own_groups.iter().map(size_of).collect();
+            let own_sizes = sizes_of(&run.own_groups, sizes);
             let own_count = own_sizes.len();
             let mut matrix = DMatrix::from_fn(own_count, own_count, |i, j| {
                 own_sizes[i] * run.own_gram[(i, j)] * own_sizes[j]

@@ -9,7 +9,6 @@ use super::evidence::{Evidence, Patterns, Products, RunPatterns};
 use super::model::Error;
 use super::noise::{Noise, likeliest, whiten};
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
 const SETTLED_SD: f64 = 0.05;
@@ -62,10 +61,12 @@ impl Start {
     /// At the prior means, with noise of the size of the residuals.
     pub fn plain(bench: &Bench<'_>, basis: &Basis) -> Self {
         let values = bench.coordinates(&[]).iter().map(|coordinate| coordinate.mean).collect();
-        let memories = memories(bench);
-        let noise =
-            |range: &[f64; 2]| Noise { sd: 0.3, correlated: 0.5, memory_s: (range[0] * range[1]).sqrt() };
-        Self { values, noises: memories.iter().map(noise).collect(), sizes: basis.everyday() }
+        let noises = memories(bench).into_iter().map(|[shortest_s, longest_s]| Noise {
+            sd: 0.3,
+            correlated: 0.5,
+            memory_s: (shortest_s * longest_s).sqrt(),
+        });
+        Self { values, noises: noises.collect(), sizes: basis.everyday() }
     }
 }
 
@@ -77,12 +78,15 @@ fn duration(times: &[f64]) -> f64 {
 fn memories(bench: &Bench<'_>) -> Vec<[f64; 2]> {
     (0..bench.scales.len())
         .map(|channel| {
-            let runs =
-                || bench.training.iter().flat_map(|run| &run.segments).filter(|one| one.channel == channel);
-            let longest = runs().map(|one| duration(&one.time_s)).fold(0.0, f64::max);
-            let steps =
-                runs().map(|one| duration(&one.time_s) / one.time_s.len().saturating_sub(1).max(1) as f64);
-            let shortest = SHORTEST_MEMORY * steps.fold(f64::INFINITY, f64::min).clamp(1e-12, 1e12);
+            let (mut longest, mut shortest_step) = (0.0, f64::INFINITY);
+            let segments = bench.training.iter().flat_map(|run| &run.segments);
+            for segment in segments.filter(|segment| segment.channel == channel) {
+                let duration_s = duration(&segment.time_s);
+                let steps = segment.time_s.len().saturating_sub(1).max(1);
+                longest = f64::max(longest, duration_s);
+                shortest_step = f64::min(shortest_step, duration_s / steps as f64);
+            }
+            let shortest = SHORTEST_MEMORY * shortest_step.clamp(1e-12, 1e12);
             [shortest, (LONGEST_MEMORY * longest).max(2.0 * shortest)]
         })
         .collect()
@@ -121,6 +125,25 @@ struct Point {
     residuals: Vec<DVector<f64>>,
 }
 
+impl Point {
+    /// One value moved to another, and the residuals there; the point itself where the model has no prediction there.
+    fn moved(
+        &self,
+        bench: &Bench<'_>,
+        laws: &[Law],
+        number: usize,
+        to: f64,
+    ) -> Result<(f64, Vec<DVector<f64>>), Error> {
+        let mut values = self.values.clone();
+        let value = values.get_mut(number).map_or(to, |value| std::mem::replace(value, to));
+        match bench.residuals(laws, &values) {
+            Ok(residuals) => Ok((to, residuals)),
+            Err(error) if error.is_of_these_values() => Ok((value, self.residuals.clone())),
+            Err(error) => Err(error),
+        }
+    }
+}
+
 /// Sensitivities in units of the priors, and the residuals of the prior means as far as the linearisation goes behind them.
 fn columns(coordinates: &[Coordinate], point: &Point, jacobian: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
     let count = coordinates.len();
@@ -156,9 +179,11 @@ fn squares(
         .collect();
     let (patterns, products, _) = whitened(bench, basis, &start.noises, &residuals);
     let misfit = patterns.in_metric(&start.sizes, &products)?[(0, 0)];
-    let prior_square =
-        |(coordinate, value): (&Coordinate, &f64)| ((value - coordinate.mean) / coordinate.sd).powi(2);
-    Some(misfit + coordinates.iter().zip(&point.values).map(prior_square).sum::<f64>())
+    let standardised = coordinates
+        .iter()
+        .zip(&point.values)
+        .map(|(coordinate, value)| (value - coordinate.mean) / coordinate.sd);
+    Some(misfit + standardised.map(|distance| distance.powi(2)).sum::<f64>())
 }
 
 /// Derivatives of the predictions by all numbers, central where the range allows it.
@@ -169,36 +194,17 @@ fn jacobian(
     point: &Point,
     steps: &[f64],
 ) -> Result<Vec<DMatrix<f64>>, Error> {
-    let of_number = |(number, (coordinate, step)): (usize, (&Coordinate, &f64))| {
+    let numbered = coordinates.iter().zip(steps).enumerate().collect();
+    let derivatives: Vec<Vec<DVector<f64>>> = bench.each(numbered, |(number, (coordinate, step))| {
         let value = point.values.get(number).copied().unwrap_or(coordinate.mean);
-        let moved = |to: f64| {
-            let mut values = point.values.clone();
-            if let Some(value) = values.get_mut(number) {
-                *value = to;
-            }
-            match bench.residuals(laws, &values) {
-                Ok(residuals) => Ok(Some((to, residuals))),
-                Err(error) if error.is_of_these_values() => Ok(None),
-                Err(error) => Err(error),
-            }
-        };
-        let unmoved = || Some((value, point.residuals.clone()));
-        let lower = moved((value - step).max(coordinate.least))?.or_else(unmoved);
-        let upper = moved((value + step).min(coordinate.most))?.or_else(unmoved);
-        let derivatives = match (lower, upper) {
-            (Some((least, lower)), Some((most, upper))) if most > least => {
-                lower.iter().zip(&upper).map(|(lower, upper)| (lower - upper) / (most - least)).collect()
-            }
-            _ => point.residuals.iter().map(|part| DVector::zeros(part.len())).collect(),
-        };
-        Ok::<Vec<DVector<f64>>, Error>(derivatives)
-    };
-    let numbered = coordinates.iter().zip(steps).enumerate();
-    let derivatives: Vec<Vec<DVector<f64>>> = if bench.model.is_parallel() {
-        numbered.collect::<Vec<_>>().into_par_iter().map(of_number).collect::<Result<_, _>>()?
-    } else {
-        numbered.map(of_number).collect::<Result<_, _>>()?
-    };
+        let (least, lower) = point.moved(bench, laws, number, (value - step).max(coordinate.least))?;
+        let (most, upper) = point.moved(bench, laws, number, (value + step).min(coordinate.most))?;
+        if most > least {
+            let pairs = lower.iter().zip(&upper);
+            return Ok(pairs.map(|(lower, upper)| (lower - upper) / (most - least)).collect());
+        }
+        Ok(point.residuals.iter().map(|part| DVector::zeros(part.len())).collect())
+    })?;
     Ok((0..point.residuals.len())
         .map(|run| {
             let rows = point.residuals.get(run).map_or(0, DVector::len);

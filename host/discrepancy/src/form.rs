@@ -101,6 +101,15 @@ impl Span {
     fn length(&self) -> f64 {
         self.to - self.from
     }
+
+    /// Expected sign of a value that is known to within the resolution.
+    fn sign(&self, x: f64) -> f64 {
+        match self.resolution {
+            e if e > 0.0 => erf(x / (std::f64::consts::SQRT_2 * e)),
+            _ if x == 0.0 => 0.0,
+            _ => x.signum(),
+        }
+    }
 }
 
 impl Form {
@@ -208,49 +217,37 @@ impl Form {
         let length = span.length();
         let scale = if span.has_both_signs() { span.to.abs().max(span.from.abs()) } else { length };
         // Steps and levels in the outer tenths act on too little to be told from an end.
-        let level = Shape {
-            name: "level",
-            range: [span.from + 0.1 * length, span.to - 0.1 * length],
-            is_logarithmic: false,
-        };
-        let logarithmic = |name, least: f64, most: f64| Shape {
-            name,
-            range: [least.max(span.resolution).min(0.5 * most), most],
-            is_logarithmic: true,
-        };
-        match self {
-            Self::AboveLevel | Self::BelowLevel | Self::Step => Some(level),
-            // Shorter ones act on a fiftieth of the values, longer ones are a constant and a slope.
-            Self::Decay => Some(logarithmic("length", scale / 50.0, scale / 2.0)),
-            // Within the step of a reading a bristle has slipped: such a one is a jump. Without a known step a run has about so many readings in a stroke.
-            Self::Bristle => {
-                let least = if span.step > 0.0 { span.step } else { length / 200.0 };
-                Some(logarithmic("width", least, length / 4.0))
+        let level_range = [span.from + 0.1 * length, span.to - 0.1 * length];
+        let (name, least, most) = match self {
+            Self::AboveLevel | Self::BelowLevel | Self::Step => {
+                return Some(Shape { name: "level", range: level_range, is_logarithmic: false });
             }
+            // Shorter ones act on a fiftieth of the values, longer ones are a constant and a slope.
+            Self::Decay => ("length", scale / 50.0, scale / 2.0),
+            // Within the step of a reading a bristle has slipped: such a one is a jump. Without a known step a run has about so many readings in a stroke.
+            Self::Bristle if span.step > 0.0 => ("width", span.step, length / 4.0),
+            Self::Bristle => ("width", length / 200.0, length / 4.0),
             // A period that is not seen twice is a smooth function like any other.
-            Self::Sine => Some(logarithmic("period", length / 10.0, length / 2.0)),
-            _ => None,
-        }
+            Self::Sine => ("period", length / 10.0, length / 2.0),
+            _ => return None,
+        };
+        let range = [least.max(span.resolution).min(0.5 * most), most];
+        Some(Shape { name, range, is_logarithmic: true })
     }
 
     /// Its functions of unit amplitude at one value, for all forms without history.
     pub fn value(self, amplitude: usize, x: f64, shape: f64, span: &Span) -> f64 {
-        let sign = |x: f64| match span.resolution {
-            e if e > 0.0 => erf(x / (std::f64::consts::SQRT_2 * e)),
-            _ if x == 0.0 => 0.0,
-            _ => x.signum(),
-        };
         match self {
             Self::Constant => 1.0,
             Self::Proportional => x,
-            Self::Sign => sign(x),
+            Self::Sign => span.sign(x),
             Self::Asymmetry => x.abs(),
             Self::Square => x * x,
             Self::SignedSquare => x * x.abs(),
             Self::AboveLevel => (x - shape).max(0.0),
             Self::BelowLevel => (shape - x).max(0.0),
-            Self::Step => 0.5 * (1.0 + sign(x - shape)),
-            Self::Decay if span.has_both_signs() => sign(x) * (-x.abs() / shape).exp(),
+            Self::Step => 0.5 * (1.0 + span.sign(x - shape)),
+            Self::Decay if span.has_both_signs() => span.sign(x) * (-x.abs() / shape).exp(),
             Self::Decay => (-(x - span.from).max(0.0) / shape).exp(),
             Self::Sine if amplitude == 0 => (std::f64::consts::TAU * x / shape).sin(),
             Self::Sine => (std::f64::consts::TAU * x / shape).cos(),

@@ -13,7 +13,7 @@
 //! whether the difference is zero (Vuong, Econometrica 57:307, 1989). A variance of the differences themselves would count a law that acts twice in a run as
 //! two readings, however many readings confirm it.
 
-use super::bench::{Bench, Prepared};
+use super::bench::Bench;
 use super::fit::Fitted;
 use super::model::Error;
 use super::noise::one_ahead;
@@ -77,15 +77,14 @@ pub(crate) fn errors(bench: &Bench<'_>, fitted: &Fitted) -> Result<Option<HeldOu
 }
 
 fn series(bench: &Bench<'_>, residuals: &[DVector<f64>]) -> Vec<Vec<f64>> {
-    let of_run = |(prepared, residuals): (&Prepared<'_>, &DVector<f64>)| {
-        (0..bench.scales.len())
-            .map(|channel| {
-                let rows = prepared.rows_of(channel);
-                residuals.rows(rows.start, rows.len()).iter().copied().collect::<Vec<f64>>()
-            })
-            .collect::<Vec<_>>()
-    };
-    bench.held_out.iter().zip(residuals).flat_map(of_run).collect()
+    let mut series = Vec::with_capacity(bench.held_out.len() * bench.scales.len());
+    for (prepared, residuals) in bench.held_out.iter().zip(residuals) {
+        for channel in 0..bench.scales.len() {
+            let rows = prepared.rows_of(channel);
+            series.push(residuals.rows(rows.start, rows.len()).iter().copied().collect());
+        }
+    }
+    series
 }
 
 /// Mean product of a series with itself so many readings later, times the fraction of readings that have a later one.
@@ -131,12 +130,13 @@ fn compare(other: &[Vec<f64>], model: &[Vec<f64>]) -> Comparison {
         let means: Vec<f64> = pairs.clone().map(|(a, b)| 0.5 * (a + b)).collect();
         let weights: Vec<f64> = pairs.map(|(a, b)| 2.0 * unit * (a - b)).collect();
         let (covariances, of_effective) = covariances(model);
-        let of_lag = |(lag, covariance): (usize, &f64)| {
+        let of_lags = covariances.iter().enumerate().map(|(lag, covariance)| {
             let twice = if lag == 0 { 1.0 } else { 2.0 };
             twice * covariance * mean_product(&weights, lag) * weights.len() as f64
-        };
-        let independent: f64 = covariances.iter().enumerate().take(1).map(of_lag).sum();
-        let of_variance: f64 = covariances.iter().enumerate().map(of_lag).sum();
+        });
+        let of_lags: Vec<f64> = of_lags.collect();
+        let independent = of_lags.first().copied().unwrap_or(0.0);
+        let of_variance: f64 = of_lags.iter().sum();
         sum += weights.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>();
         // Cut off where it does, the sum may fall below what independent errors have.
         variance += of_variance.max(independent);
@@ -176,12 +176,12 @@ mod tests {
     fn series(rng: &mut ChaCha8Rng, count: usize, correlation: f64) -> Vec<f64> {
         let mut value: f64 = StandardNormal.sample(rng);
         let innovation = (1.0 - correlation * correlation).sqrt();
-        let mut next = || {
+        let values = (0..count).map(|_| {
             let drawn: f64 = StandardNormal.sample(rng);
             value = correlation * value + innovation * drawn;
             value
-        };
-        (0..count).map(|_| next()).collect()
+        });
+        values.collect()
     }
 
     #[test]
@@ -208,8 +208,13 @@ mod tests {
     /// Errors of two models that have these shares too little of a law that acts in two parts of a run.
     fn rare(rng: &mut ChaCha8Rng, shares: [f64; 2], correlation: f64) -> [Vec<Vec<f64>>; 2] {
         let noise = series(rng, 500, correlation);
-        let law = |i: usize| if matches!(i, 100..120 | 300..320) { 2.0 } else { 0.0 };
-        shares.map(|share| vec![noise.iter().enumerate().map(|(i, e)| e + share * law(i)).collect()])
+        shares.map(|share| {
+            let mut errors = noise.clone();
+            for acting in [100..120, 300..320] {
+                errors[acting].iter_mut().for_each(|error| *error += share * 2.0);
+            }
+            vec![errors]
+        })
     }
 
     #[test]

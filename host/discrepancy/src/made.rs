@@ -41,13 +41,12 @@ pub(crate) fn law_name(bench: &Bench<'_>, law: &Law) -> LawName {
 
 /// A word of a formula with the regressor's name for `x`.
 fn named(word: &str, name: &str) -> String {
-    let is_of_a_name = |c: char| c.is_alphanumeric();
     let mut text = String::new();
     for (i, c) in word.char_indices() {
         let previous = word[..i].chars().next_back();
         let next = word[i + c.len_utf8()..].chars().next();
-        let is_x = c == 'x' && !previous.is_some_and(is_of_a_name) && !next.is_some_and(is_of_a_name);
-        if is_x { text.push_str(name) } else { text.push(c) }
+        let is_in_word = [previous, next].into_iter().flatten().any(char::is_alphanumeric);
+        if c == 'x' && !is_in_word { text.push_str(name) } else { text.push(c) }
     }
     text
 }
@@ -78,7 +77,7 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
     let first = first_of(bench, &fitted.laws, number);
     let values = bench.terms(&fitted.laws, &fitted.values).get(number)?.values.clone();
     let amplitudes = law.form.amplitudes();
-    let of_number = |(i, value): (usize, &f64)| {
+    let values = values.iter().enumerate().map(|(i, value)| {
         let (variance, unit) = (fitted.sd(first + i).powi(2), unit_of(bench, law, i));
         match (amplitudes.get(i), law.shape()) {
             (Some(name), _) => estimate(name, unit, *value, variance),
@@ -89,7 +88,7 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
             }
             (None, None) => estimate("", unit, *value, variance),
         }
-    };
+    });
     let mut sum = member.probability;
     let mut rivals = Vec::new();
     for (rival, probability) in &member.rivals {
@@ -105,7 +104,7 @@ fn term_report(bench: &Bench<'_>, fitted: &Fitted, number: usize, member: &Membe
         is_named: member.probability >= STATED_PROBABILITY,
         probability: member.probability,
         ln_odds: member.ln_odds,
-        values: values.iter().enumerate().map(of_number).collect(),
+        values: values.collect(),
         rivals,
         held_out: member.judgement,
     })
@@ -139,7 +138,7 @@ pub(crate) fn moments(models: &[(f64, &Fitted)], quantity: impl Fn(&Fitted) -> (
 /// Moments of the model's parameters over the final model and its rivals.
 fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<ParameterReport> {
     let models = models(found);
-    let report = |(number, parameter): (usize, &Parameter)| {
+    let reports = bench.model.parameters().iter().enumerate().map(|(number, parameter)| {
         let of_model = |fitted: &Fitted| {
             let value = fitted.values.get(number).copied().unwrap_or(parameter.mean);
             (value, fitted.sd(number).powi(2))
@@ -151,8 +150,8 @@ fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<Pa
             estimate: estimate(name, unit.clone(), mean, variance),
             before: estimate(name, unit.clone(), before, before_variance),
         }
-    };
-    bench.model.parameters().iter().enumerate().map(report).collect()
+    });
+    reports.collect()
 }
 
 fn refused_reports(bench: &Bench<'_>, refused: &[Refused]) -> Vec<RefusedReport> {
@@ -179,20 +178,20 @@ fn misfit(
     channel: usize,
 ) -> Option<Misfit> {
     let scale = *bench.scales.get(channel)?;
-    let root = |parts: &[DVector<f64>]| {
-        scale
-            * super::bench::rms(runs.iter().zip(parts).map(|(prepared, part)| {
-                let rows = prepared.rows_of(channel);
-                part.rows(rows.start, rows.len()).into_owned()
-            }))
-    };
     let measured: Vec<DVector<f64>> = runs.iter().map(|run| run.measured().clone()).collect();
-    (!runs.is_empty()).then(|| Misfit { before: root(before), after: root(after), measured: root(&measured) })
+    let [before, after, measured] = [before, after, &measured].map(|by_run| {
+        scale
+            * super::bench::rms(runs.iter().zip(by_run).map(|(prepared, values)| {
+                let rows = prepared.rows_of(channel);
+                values.rows(rows.start, rows.len()).into_owned()
+            }))
+    });
+    (!runs.is_empty()).then_some(Misfit { before, after, measured })
 }
 
 fn channel_reports(bench: &Bench<'_>, plain: &Fitted, fitted: &Fitted) -> Result<Vec<ChannelReport>, Error> {
     let judged = held_out_residuals(bench, plain)?.zip(held_out_residuals(bench, fitted)?);
-    let report = |(number, channel): (usize, &super::data::Channel)| {
+    let reports = bench.data.channels().iter().enumerate().filter_map(|(number, channel)| {
         let (scale, noise) = (*bench.scales.get(number)?, *fitted.noises.get(number)?);
         let judged = judged.as_ref().and_then(|(before, after)| {
             misfit(bench, &bench.held_out, [before.as_slice(), after.as_slice()], number)
@@ -208,8 +207,8 @@ fn channel_reports(bench: &Bench<'_>, plain: &Fitted, fitted: &Fitted) -> Result
             training: misfit(bench, &bench.training, [&plain.residuals, &fitted.residuals], number)?,
             held_out: judged,
         })
-    };
-    Ok(bench.data.channels().iter().enumerate().filter_map(report).collect())
+    });
+    Ok(reports.collect())
 }
 
 /// The document of a search, with the discrepancy of the search and that of the final values.
@@ -241,7 +240,7 @@ pub(crate) fn report(
     if !fitted.settled {
         notes.push("the last fit has not come to its end: values and intervals are rough".to_owned());
     }
-    let of_source = |(source, size): (&Option<(usize, usize)>, &f64)| {
+    let discrepancy = basis.sources.iter().zip(&fitted.sizes).map(|(source, size)| {
         let site = source.and_then(|(site, _)| bench.model.sites().get(site));
         let regressor = source.and_then(|(_, regressor)| site?.regressors.get(regressor));
         DiscrepancyReport {
@@ -249,7 +248,7 @@ pub(crate) fn report(
             regressor: regressor.map(|regressor| regressor.name.clone()),
             size: *size,
         }
-    };
+    });
     Ok(Report {
         schema: "discrepancy.diagnosis/1",
         verdict,
@@ -261,7 +260,7 @@ pub(crate) fn report(
         channels: channel_reports(bench, plain, fitted)?,
         refused: refused_reports(bench, &found.refused),
         remaining,
-        discrepancy: basis.sources.iter().zip(&fitted.sizes).map(of_source).collect(),
+        discrepancy: discrepancy.collect(),
         candidates,
         is_settled: fitted.settled && plain.settled,
         notes,

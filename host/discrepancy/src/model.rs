@@ -261,8 +261,11 @@ pub(crate) fn check(model: &dyn ForwardModel, data: &Data) -> Result<(), Error> 
             );
         }
         let first = data.runs().first();
-        let unknown = |regressor: &&Regressor| first.is_none_or(|run| run.column(&regressor.name).is_none());
-        if let Some(unknown) = site.regressors.iter().find(unknown) {
+        let unknown = site
+            .regressors
+            .iter()
+            .find(|regressor| first.is_none_or(|run| run.column(&regressor.name).is_none()));
+        if let Some(unknown) = unknown {
             let columns = first.map_or(&[][..], |run| run.columns.as_slice());
             let names: Vec<&str> = columns.iter().map(|column| column.name.as_str()).collect();
             let expected = format!("a column of the data: time_s, {}", names.join(", "));

@@ -55,7 +55,7 @@ fn updates(segment: &Segment, noise: &Noise) -> Vec<Update> {
     let stationary = noise.correlated * noise.sd * noise.sd;
     let white = (1.0 - noise.correlated) * noise.sd * noise.sd;
     let (mut variance, mut previous_time) = (stationary, None::<f64>);
-    let of_reading = |(time, weight): (&f64, &f64)| {
+    let updates = segment.time_s.iter().zip(&segment.weights).map(|(time, weight)| {
         let decay =
             previous_time.map_or(0.0, |previous_time| (-(time - previous_time) / noise.memory_s).exp());
         previous_time = Some(*time);
@@ -64,8 +64,8 @@ fn updates(segment: &Segment, noise: &Noise) -> Vec<Update> {
         let gain = variance / total;
         variance -= gain * variance;
         Update { decay, gain, sd: total.sqrt() }
-    };
-    segment.time_s.iter().zip(&segment.weights).map(of_reading).collect()
+    });
+    updates.collect()
 }
 
 /// Replaces values by what is new in each: their difference from what those before let expect.
@@ -115,11 +115,11 @@ fn coordinates(noise: &Noise) -> [f64; 3] {
 }
 
 fn from_coordinates(x: &[f64], memories_s: [f64; 2]) -> Noise {
-    let value = |i: usize| x.get(i).copied().unwrap_or(0.0);
+    let [ln_sd, logit_correlated, ln_memory] = [0, 1, 2].map(|i| x.get(i).copied().unwrap_or(0.0));
     Noise {
-        sd: value(0).clamp(-40.0, 40.0).exp(),
-        correlated: 1.0 / (1.0 + (-value(1)).exp()),
-        memory_s: value(2).exp().clamp(memories_s[0], memories_s[1]),
+        sd: ln_sd.clamp(-40.0, 40.0).exp(),
+        correlated: 1.0 / (1.0 + (-logit_correlated).exp()),
+        memory_s: ln_memory.exp().clamp(memories_s[0], memories_s[1]),
     }
 }
 

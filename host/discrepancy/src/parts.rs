@@ -95,50 +95,53 @@ impl Part for Reversal {
 /// A part in a model, with its variance; the derivatives by the numbers of laws are differences over a standard deviation, over which a step of
 /// single readings is smooth.
 fn in_model(bench: &Bench<'_>, fitted: &Fitted, part: &dyn Part, site: usize) -> (f64, f64) {
-    let total = |values: &[f64]| {
-        let terms = bench.terms(&fitted.laws, values);
-        let of_site = fitted.laws.iter().zip(&terms).filter(|(law, _)| law.site == site);
-        let contributing = of_site.filter(|(law, _)| part.is_of(bench, law));
-        contributing.map(|(law, term)| part.value(bench, law, &term.values)).sum::<f64>()
-    };
     let coordinates = bench.coordinates(&fitted.laws);
     let mut gradient = DVector::zeros(fitted.values.len());
     for number in first_of(bench, &fitted.laws, 0)..fitted.values.len() {
         let Some(coordinate) = coordinates.get(number) else { continue };
-        let moved = |step: f64| {
+        let sd = fitted.sd(number);
+        let [(least, lower), (most, upper)] = [-sd, sd].map(|step| {
             let mut values = fitted.values.clone();
             values[number] = (values[number] + step).clamp(coordinate.least, coordinate.most);
-            (values[number], total(&values))
-        };
-        let ((least, lower), (most, upper)) = (moved(-fitted.sd(number)), moved(fitted.sd(number)));
+            (values[number], total(bench, &fitted.laws, &values, part, site))
+        });
         if most > least {
             gradient[number] = (upper - lower) / (most - least);
         }
     }
-    (total(&fitted.values), (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)])
+    let value = total(bench, &fitted.laws, &fitted.values, part, site);
+    (value, (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)])
+}
+
+/// Sum of a part over the laws of a site.
+fn total(bench: &Bench<'_>, laws: &[Law], values: &[f64], part: &dyn Part, site: usize) -> f64 {
+    let terms = bench.terms(laws, values);
+    let contributing = laws.iter().zip(&terms).filter(|(law, _)| law.site == site && part.is_of(bench, law));
+    contributing.map(|(law, term)| part.value(bench, law, &term.values)).sum()
 }
 
 /// Probability of the explanations of what a law explains that have a part.
 fn probability(bench: &Bench<'_>, found: &Found, number: usize, member: &Member, part: &dyn Part) -> f64 {
     let kept = found.fitted.laws.len().saturating_sub(1);
-    let has_part = |laws: &[Law]| laws.iter().any(|law| part.is_of(bench, law));
     let of_law = found
         .fitted
         .laws
         .get(number)
         .filter(|law| part.is_of(bench, law))
         .map_or(0.0, |_| member.probability);
-    let of_rivals = member.rivals.iter().filter(|(rival, _)| has_part(rival.laws.get(kept..).unwrap_or(&[])));
+    let of_rivals = member
+        .rivals
+        .iter()
+        .filter(|(rival, _)| rival.laws.iter().skip(kept).any(|law| part.is_of(bench, law)));
     of_law + of_rivals.map(|(_, probability)| probability).sum::<f64>()
 }
 
 /// A part of the laws of each site whose final laws have it, over the final model and its rivals.
 fn reports(bench: &Bench<'_>, found: &Found, part: &dyn Part) -> Vec<PartReport> {
     let models = models(found);
-    let of_site = |(number, site): (usize, &Site)| {
-        let is_here = |law: &&Law| law.site == number && part.is_of(bench, law);
-        let laws: Vec<String> =
-            found.fitted.laws.iter().filter(is_here).map(|law| law_name(bench, law).id()).collect();
+    let reports = bench.model.sites().iter().enumerate().filter_map(|(number, site)| {
+        let laws = found.fitted.laws.iter().filter(|law| law.site == number && part.is_of(bench, law));
+        let laws: Vec<String> = laws.map(|law| law_name(bench, law).id()).collect();
         if laws.is_empty() {
             return None;
         }
@@ -154,8 +157,8 @@ fn reports(bench: &Bench<'_>, found: &Found, part: &dyn Part) -> Vec<PartReport>
         let [low, high] = estimate.ci95;
         let is_named = probability >= STATED_PROBABILITY && (low > 0.0 || high < 0.0);
         Some(PartReport { estimate, is_named, probability, laws })
-    };
-    bench.model.sites().iter().enumerate().filter_map(of_site).collect()
+    });
+    reports.collect()
 }
 
 /// Sums of the even parts of the laws of each site, averaged over the data.

@@ -72,7 +72,7 @@ pub(crate) fn regions(
     reduced.gemm_tr(-1.0, &cross_block, &parameter_block.cholesky()?.solve(&cross_block), 1.0);
     let interval_count: usize = scans.iter().map(|scan| scan.edges.len() * (scan.edges.len() + 1) / 2).sum();
     let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * LEVEL / interval_count.max(1) as f64);
-    let region = |scan: &Scan| {
+    let regions = scans.iter().filter_map(|scan| {
         let (bins, sigma, mean) =
             best_interval(&reduced, scan.first - count, scan.edges.len(), remaining_count - 1)?;
         let channel = bench.data.channels().get(scan.channel)?;
@@ -86,8 +86,8 @@ pub(crate) fn regions(
             sigma,
         };
         (sigma.abs() > threshold).then_some(region)
-    };
-    let mut regions: Vec<Region> = scans.iter().filter_map(region).collect();
+    });
+    let mut regions: Vec<Region> = regions.collect();
     regions.sort_by(|a, b| b.sigma.abs().total_cmp(&a.sigma.abs()));
     Some(regions)
 }
@@ -141,8 +141,9 @@ pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
     if distinct.len() <= bins {
         return distinct;
     }
-    let quantile = |i: usize| sorted[(i * sorted.len() / bins).min(sorted.len() - 1)];
-    (0..bins).map(|bin| [quantile(bin), quantile(bin + 1)]).collect()
+    let quantiles: Vec<f64> =
+        (0..=bins).map(|i| sorted[(i * sorted.len() / bins).min(sorted.len() - 1)]).collect();
+    quantiles.windows(2).map(|ends| [ends[0], ends[1]]).collect()
 }
 
 /// The bin of a value.

@@ -12,7 +12,6 @@ use super::model::Error;
 use super::noise::Noise;
 use super::weights::ln_sum;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// A law is not identifiable where the parameters do all of its effect up to this fraction of its square: a thousandth of its size.
 pub(crate) const ALL_ELIMINATED: f64 = 1e-6;
@@ -59,8 +58,8 @@ pub(crate) fn candidates(bench: &Bench<'_>, effects: &[Effect]) -> Vec<Law> {
     for (site, (declared, spans)) in bench.model.sites().iter().zip(&bench.spans).enumerate() {
         let is_tried = |form: Form, regressor: Option<&str>| {
             let is_declared = declared.forms.is_empty() || declared.forms.contains(&form);
-            let is_chosen = |effect: &Effect| effect.is_like(&declared.name, regressor, form);
-            is_declared && (effects.is_empty() || effects.iter().any(is_chosen))
+            let is_chosen = effects.iter().any(|effect| effect.is_like(&declared.name, regressor, form));
+            is_declared && (effects.is_empty() || is_chosen)
         };
         let law = |regressor, form, span| Law { site, regressor, form, span, amplitude_sds: Vec::new() };
         if is_tried(Form::Constant, None) {
@@ -184,15 +183,11 @@ pub(crate) fn scores(
     fitted: &Fitted,
     laws: &[Law],
 ) -> Result<(Vec<Score>, Vec<Pair>), Error> {
-    let of_law = |law: &Law| directions(bench, fitted, law);
-    let law_directions: Vec<Vec<Direction>> = if bench.model.is_parallel() {
-        laws.par_iter().map(of_law).collect::<Result<_, _>>()?
-    } else {
-        laws.iter().map(of_law).collect::<Result<_, _>>()?
-    };
+    let law_directions: Vec<Vec<Direction>> =
+        bench.each(laws.iter().collect(), |law| directions(bench, fitted, law))?;
     let coordinates = bench.coordinates(&fitted.laws);
     let count = coordinates.len();
-    let joined = |run: usize| {
+    let columns = (0..fitted.residuals.len()).map(|run| {
         let directions = law_directions.iter().flatten().filter_map(|direction| direction.columns.get(run));
         let width: usize = directions.clone().map(DMatrix::ncols).sum();
         let jacobian = fitted.jacobian.get(run).cloned().unwrap_or_else(|| DMatrix::zeros(0, 0));
@@ -210,8 +205,8 @@ pub(crate) fn scores(
             joined.set_column(first, residuals);
         }
         joined
-    };
-    let columns: Vec<DMatrix<f64>> = (0..fitted.residuals.len()).map(joined).collect();
+    });
+    let columns: Vec<DMatrix<f64>> = columns.collect();
     let white: Vec<Noise> = fitted.noises.iter().map(|noise| noise.white()).collect();
     let (as_coloured, as_white) = (
         projected(bench, basis, fitted, &fitted.noises, &columns),
@@ -262,20 +257,19 @@ fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
             let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
             let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
             let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
-            let hides = |metric: &DMatrix<f64>, together: f64| {
+            let are_hidden = metrics.iter().zip([log_evidence, as_white]).any(|(metric, together)| {
                 let alone =
                     [one, other].map(|best| evidence_of(metric, &best.columns).map_or(0.0, |found| found.0));
                 together > alone[0] + alone[1]
-            };
-            if !(hides(&metrics[0], log_evidence) || hides(&metrics[1], as_white)) {
+            });
+            if !are_hidden {
                 continue;
             }
             let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
-            let joint_score = |best: &Best, amplitudes: &[f64]| Score {
+            let scores = [(one, first), (other, second)].map(|(best, amplitudes)| Score {
                 numbers: numbers(amplitudes, &best.sds, best.fraction),
                 ..best.score.clone()
-            };
-            let scores = [joint_score(one, first), joint_score(other, second)];
+            });
             pairs.push(Pair { scores, log_evidence: [log_evidence, as_white] });
         }
     }

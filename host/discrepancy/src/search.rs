@@ -13,7 +13,6 @@ use super::model::Error;
 use super::regions::regions;
 use super::score::{Score, scores};
 use super::weights::{ln_e_value, stated_ln_odds};
-use rayon::prelude::*;
 
 /// Laws that are added at most: every further one costs the whole search again.
 const MAX_LAWS: usize = 8;
@@ -115,11 +114,11 @@ impl Search<'_> {
     /// Logarithm of the weight of a model.
     pub(super) fn ln_weight(&self, fitted: &Fitted) -> f64 {
         // A law with two more numbers is beforehand a quarter as likely: of each number there are as many laws as of all with more.
-        let of_law = |law: &Law| {
+        let ln_choices = fitted.laws.iter().map(|law| {
             let more = law.len().saturating_sub(1) as f64;
             (self.candidates.len().max(1) as f64).ln() + more * std::f64::consts::LN_2
-        };
-        fitted.log_evidence - fitted.laws.iter().map(of_law).sum::<f64>()
+        });
+        fitted.log_evidence - ln_choices.sum::<f64>()
     }
 
     /// Fits of a model with one further law each, the likeliest first; and with two of them, where singles are too weak.
@@ -134,12 +133,7 @@ impl Search<'_> {
         } else {
             leading(&scores, |score| score.log_evidence).into_iter().map(|score| vec![score]).collect()
         };
-        let of_scores = |scores: Vec<&Score>| self.extended(base, &scores);
-        let fits: Vec<Option<Fitted>> = if self.bench.model.is_parallel() {
-            chosen.into_par_iter().map(of_scores).collect::<Result<_, _>>()?
-        } else {
-            chosen.into_iter().map(of_scores).collect::<Result<_, _>>()?
-        };
+        let fits: Vec<Option<Fitted>> = self.bench.each(chosen, |scores| self.extended(base, &scores))?;
         let mut simplest: Vec<Fitted> = Vec::with_capacity(fits.len());
         for fitted in fits.into_iter().flatten() {
             let Some(fitted) = self.in_simplest_laws(base, fitted)? else { continue };
@@ -159,9 +153,8 @@ impl Search<'_> {
             let mut start = base.start();
             for score in scores {
                 let amplitudes = score.law.form.amplitudes().len();
-                let scaled =
-                    |(i, number): (usize, &f64)| if i < amplitudes { factor * number } else { *number };
-                start.values.extend(score.numbers.iter().enumerate().map(scaled));
+                let (scaled, shape) = score.numbers.split_at(amplitudes.min(score.numbers.len()));
+                start.values.extend(scaled.iter().map(|number| factor * number).chain(shape.iter().copied()));
             }
             match Fitted::new(self.bench, self.basis, &laws, &start) {
                 Ok(fitted) => return Ok(Some(fitted)),
@@ -234,11 +227,8 @@ impl Search<'_> {
             let mut refused = Vec::new();
             let singles = self.extensions(&current, false)?;
             let mut next = self.likeliest(&current, singles, &mut refused)?;
-            let is_explained = || {
-                regions(self.bench, self.basis, &current, &current.noises).is_some_and(|list| list.is_empty())
-            };
             let is_refused = refused.iter().any(|one| one.reason != Refusal::Unlikely);
-            if next.is_none() && (is_refused || !is_explained()) {
+            if next.is_none() && (is_refused || !self.is_explained(&current)) {
                 (self.on_step)("searching for two laws at once");
                 let pairs = self.extensions(&current, true)?;
                 next = self.likeliest(&current, pairs, &mut Vec::new())?;
@@ -248,6 +238,11 @@ impl Search<'_> {
                 None => return Ok((current, refused)),
             }
         }
+    }
+
+    /// No region is left that stands out.
+    fn is_explained(&self, fitted: &Fitted) -> bool {
+        regions(self.bench, self.basis, fitted, &fitted.noises).is_some_and(|list| list.is_empty())
     }
 
     /// The likeliest of some larger models that is likely enough and that held-out runs confirm; the others are refused.
@@ -308,9 +303,9 @@ fn is_same_set(one: &[Law], other: &[Law]) -> bool {
 fn leading<T>(scores: &[T], log_evidence: impl Fn(&T) -> [f64; 2]) -> Vec<&T> {
     let mut chosen: Vec<usize> = Vec::new();
     for ranking in 0..2 {
-        let value = |i: usize| scores.get(i).map_or(f64::NEG_INFINITY, |score| log_evidence(score)[ranking]);
+        let values: Vec<f64> = scores.iter().map(|score| log_evidence(score)[ranking]).collect();
         let mut order: Vec<usize> = (0..scores.len()).collect();
-        order.sort_by(|a, b| value(*b).total_cmp(&value(*a)));
+        order.sort_by(|a, b| values[*b].total_cmp(&values[*a]));
         chosen.extend(order.into_iter().take(LEADERS));
     }
     chosen.sort_unstable();

@@ -45,6 +45,10 @@ pub enum TableError {
     },
 }
 
+fn is_channel(channels: &[Predicted], name: &str) -> bool {
+    channels.iter().any(|channel| channel.name == name)
+}
+
 impl Run {
     /// Reads a run from a CSV file, named by its path; of a channel a column with `_sd` behind its name has the standard deviations.
     ///
@@ -68,12 +72,11 @@ impl Run {
                 });
             }
         }
-        let is_channel = |name: &str| channels.iter().any(|channel| channel.name == name);
         let mut values: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
         for record in reader.records() {
             let record = record.map_err(csv)?;
             for ((cell, name), values) in record.iter().zip(&names).zip(&mut values) {
-                let may_be_empty = is_channel(name);
+                let may_be_empty = is_channel(channels, name);
                 let value = if cell.is_empty() && may_be_empty { Some(f64::NAN) } else { cell.parse().ok() };
                 values.push(value.ok_or_else(|| TableError::Cell {
                     path: path.to_owned(),
@@ -98,7 +101,7 @@ impl Run {
             } else if let Some(channel) = channels.iter().find(|channel| channel.name == name) {
                 let unit = channel.unit.clone();
                 run.channels.push(Channel { name, unit, values, sds: None });
-            } else if name.strip_suffix(SD).is_some_and(is_channel) {
+            } else if name.strip_suffix(SD).is_some_and(|stem| is_channel(channels, stem)) {
                 sds.push((name, values));
             } else {
                 run.columns.push(Column { name, unit: String::new(), values });

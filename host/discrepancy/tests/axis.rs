@@ -8,6 +8,10 @@ mod common;
 use common::{arrays, channel, column, derivative, mass_and_viscous_friction, measured, parameter};
 use discrepancy::*;
 
+fn inner(values: &[f64], cut: usize) -> Vec<f64> {
+    values[cut..values.len() - cut].to_vec()
+}
+
 fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
     let arrays = arrays(path);
     let time = &arrays["t"];
@@ -17,7 +21,6 @@ fn run(name: &str, path: &std::path::PathBuf, judges: bool) -> Run {
     // The series are not smoothed here: the workflow fits means over blocks, of force, acceleration and every law alike.
     let speed = derivative(&arrays["qm"], step_s);
     let acceleration = derivative(&speed, step_s);
-    let inner = |values: &[f64], cut: usize| values[cut..values.len() - cut].to_vec();
     Run {
         name: name.to_owned(),
         time_s: inner(time, 2),
@@ -47,18 +50,21 @@ fn names_dry_friction_of_a_measured_axis_and_refuses_what_does_not_help() {
     let report = diagnose(&axis, &data, &Options::default(), &|_| ()).expect("a result");
     println!("{report}");
     let ids: Vec<String> = report.terms.iter().map(|term| term.law.id()).collect();
-    let is_named = |id: &str| report.terms.iter().any(|term| term.is_named && term.law.id() == id);
-    assert!(is_named("friction/speed/sign"), "{ids:?}");
-    let holds = |estimate: &Estimate, value: f64| (estimate.ci95[0]..=estimate.ci95[1]).contains(&value);
-    assert!(is_named("friction/speed/asymmetry"), "{ids:?}");
-    let is_named_with = |part: &PartReport, value: f64| part.is_named && holds(&part.estimate, value);
-    assert!(is_named_with(&report.offsets[0], -3.2), "{:?}", report.offsets);
+    for id in ["friction/speed/sign", "friction/speed/asymmetry"] {
+        assert!(report.terms.iter().any(|term| term.is_named && term.law.id() == id), "{ids:?}");
+    }
     assert!(!ids.iter().any(|id| id.ends_with("/decay")), "{ids:?}");
     // A bristle is followed in the first millimetres of a stroke; no function of the place on the axis is there.
     assert_eq!(ids.iter().find(|id| id.starts_with("friction/position/") && !id.ends_with("/bristle")), None);
-    assert!(is_named_with(&report.reversals[0], 20.4), "{:?}", report.reversals);
-    assert!(holds(&report.parameters[0].estimate, 95.1), "{:?}", report.parameters);
-    assert!(holds(&report.parameters[1].estimate, 203.5), "{:?}", report.parameters);
+    let (offset, reversal) = (&report.offsets[0], &report.reversals[0]);
+    assert!(offset.is_named && reversal.is_named, "{offset:?} {reversal:?}");
+    let [mass, viscous] = [0, 1].map(|number: usize| &report.parameters[number].estimate);
+    for (estimate, value) in
+        [(&offset.estimate, -3.2), (&reversal.estimate, 20.4), (mass, 95.1), (viscous, 203.5)]
+    {
+        let [low, high] = estimate.ci95;
+        assert!((low..=high).contains(&value), "{estimate:?} for {value}");
+    }
     let held_out = report.channels[0].held_out.expect("a run judges");
     assert!(held_out.after < 0.0495 * held_out.measured, "{held_out:?}");
 }

@@ -43,17 +43,15 @@ fn tanks() -> impl ForwardModel {
 }
 
 fn run(name: &str, text: &str, columns: [usize; 2], judges: bool) -> Run {
-    let cells = |line: &str| -> Vec<f64> {
-        columns.map(|i| line.split(',').nth(i).and_then(|cell| cell.parse().ok()).expect("a number")).to_vec()
-    };
     let lines = text.lines().skip(1).filter(|line| !line.trim_matches(',').is_empty());
-    let rows: Vec<Vec<f64>> = lines.map(cells).collect();
-    let values = |i: usize| rows.iter().map(|row| row[i]).collect::<Vec<f64>>();
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    let [pump, level] =
+        columns.map(|i| rows.iter().map(|row| row[i].parse().expect("a number")).collect::<Vec<f64>>());
     Run {
         name: name.to_owned(),
         time_s: (0..rows.len()).map(|i| SAMPLE_S * i as f64).collect(),
-        channels: vec![channel("level", "V", values(1))],
-        columns: vec![column("pump", "V", values(0))],
+        channels: vec![channel("level", "V", level)],
+        columns: vec![column("pump", "V", pump)],
         judges,
     }
 }

@@ -62,21 +62,22 @@ impl<'a> Prepared<'a> {
 
     /// Means of values, one series per channel, over the blocks, in units of the channels' scales.
     pub(super) fn means<T: AsRef<[f64]>>(&self, channels: &[T], scales: &[f64]) -> DVector<f64> {
-        let of_block = |(channel, block): &(usize, Vec<usize>)| {
+        let means = self.blocks.iter().map(|(channel, block)| {
             let values = channels.get(*channel).map_or(&[][..], AsRef::as_ref);
             let sum: f64 = block.iter().filter_map(|i| values.get(*i)).sum();
             sum / (block.len() as f64 * scales.get(*channel).copied().unwrap_or(1.0))
-        };
-        DVector::from_iterator(self.rows(), self.blocks.iter().map(of_block))
+        });
+        DVector::from_iterator(self.rows(), means)
     }
 
     /// Means of a known column over the blocks of all channels.
     pub fn column(&self, name: &str) -> Option<Vec<f64>> {
         let values = self.run.column(name)?;
-        let of_block = |(_, block): &(usize, Vec<usize>)| {
-            block.iter().filter_map(|i| values.get(*i)).sum::<f64>() / block.len() as f64
-        };
-        Some(self.blocks.iter().map(of_block).collect())
+        let means = self
+            .blocks
+            .iter()
+            .map(|(_, block)| block.iter().filter_map(|i| values.get(*i)).sum::<f64>() / block.len() as f64);
+        Some(means.collect())
     }
 
     /// Rows of a channel.

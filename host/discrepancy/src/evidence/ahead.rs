@@ -4,7 +4,7 @@
 //! sizes); further runs have amplitudes of their own besides. Readings of such a run are then normal, of mean `Phi s mu` and covariance
 //! `I + Phi s C s Phi^T + Phi_own s^2 Phi_own^T`.
 
-use super::Patterns;
+use super::{Patterns, scale_columns, sizes_of};
 use nalgebra::{DMatrix, DVector};
 
 /// Amplitudes of the patterns that runs share, in sizes of their groups: mean, and a root R of their covariance, `R^T R`.
@@ -51,21 +51,16 @@ impl Patterns {
         residuals: &[f64],
     ) -> Option<Ahead> {
         let patterns = self.runs.get(run)?;
-        let sized = |matrix: &DMatrix<f64>, groups: &[usize]| {
-            let mut sized = matrix.select_rows(readings);
-            for (mut column, group) in sized.column_iter_mut().zip(groups) {
-                column *= sizes.get(*group).copied().unwrap_or(0.0);
-            }
-            sized
-        };
-        let of_shared = sized(&patterns.shared, &self.shared_groups);
-        let own = sized(&patterns.own, &patterns.own_groups);
-        let by_root = &of_shared * shared.root.transpose();
+        let mut shared_patterns = patterns.shared.select_rows(readings);
+        scale_columns(&mut shared_patterns, &sizes_of(&self.shared_groups, sizes));
+        let mut run_patterns = patterns.own.select_rows(readings);
+        scale_columns(&mut run_patterns, &sizes_of(&patterns.own_groups, sizes));
+        let by_root = &shared_patterns * shared.root.transpose();
         let mut covariance = DMatrix::identity(readings.len(), readings.len());
-        covariance += &by_root * by_root.transpose() + &own * own.transpose();
+        covariance += &by_root * by_root.transpose() + &run_patterns * run_patterns.transpose();
         let measured = readings.iter().map(|at| residuals.get(*at).copied());
         let measured = DVector::from_vec(measured.collect::<Option<Vec<f64>>>()?);
-        let distance = measured - of_shared * &shared.mean;
+        let distance = measured - shared_patterns * &shared.mean;
         let factor = covariance.cholesky()?;
         Some(Ahead {
             square: distance.dot(&factor.solve(&distance)),

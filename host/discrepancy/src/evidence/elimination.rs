@@ -4,7 +4,7 @@
 //! costs no further pass over the readings.
 
 use super::factor::inverse_root;
-use super::{Patterns, Products};
+use super::{Patterns, Products, sizes_of};
 use nalgebra::{DMatrix, DVector};
 
 /// Patterns of some sizes, eliminated.
@@ -30,28 +30,24 @@ struct OfRun {
 impl Patterns {
     /// For patterns of these sizes; nothing where a size makes no sense.
     pub fn elimination(&self, sizes: &[f64]) -> Option<Elimination> {
-        let sizes_of = |groups: &[usize]| {
-            let sizes = groups.iter().map(|group| sizes.get(*group).copied().unwrap_or(0.0));
-            DVector::from_iterator(groups.len(), sizes)
-        };
-        let shared_sizes = sizes_of(&self.shared_groups);
+        let shared_sizes = sizes_of(&self.shared_groups, sizes);
         let count = shared_sizes.len();
         let mut normal = DMatrix::from_fn(count, count, |i, j| {
             shared_sizes[i] * self.shared_gram[(i, j)] * shared_sizes[j] + f64::from(i == j)
         });
         let mut runs = Vec::with_capacity(self.runs.len());
         for run in &self.runs {
-            let sizes = sizes_of(&run.own_groups);
-            let own = DMatrix::from_fn(sizes.len(), sizes.len(), |i, j| {
+            let sizes = sizes_of(&run.own_groups, sizes);
+            let run_normal = DMatrix::from_fn(sizes.len(), sizes.len(), |i, j| {
                 sizes[i] * run.own_gram[(i, j)] * sizes[j] + f64::from(i == j)
             });
-            let root = inverse_root(&own.cholesky()?);
+            let root = inverse_root(&run_normal.cholesky()?);
             let sized = DMatrix::from_fn(sizes.len(), run.shown.len(), |i, j| {
                 sizes[i] * run.own_by_shown[(i, j)] * shared_sizes[run.shown[j]]
             });
             let by_shown = &root * sized;
-            let taken = by_shown.tr_mul(&by_shown);
-            for (j, column) in taken.column_iter().enumerate() {
+            let eliminated = by_shown.tr_mul(&by_shown);
+            for (j, column) in eliminated.column_iter().enumerate() {
                 for (i, value) in column.iter().enumerate() {
                     normal[(run.shown[i], run.shown[j])] -= value;
                 }
@@ -65,29 +61,29 @@ impl Patterns {
 impl Elimination {
     /// `V` of columns with these products: what the patterns have of each, in orthogonal coordinates.
     pub fn of(&self, products: &Products) -> DMatrix<f64> {
-        let mut parts = Vec::with_capacity(self.runs.len() + 1);
+        let mut coordinates = Vec::with_capacity(self.runs.len() + 1);
         let mut shared = products.shared.clone();
         scale_rows(&mut shared, &self.shared_sizes);
         for (run, own) in self.runs.iter().zip(&products.own) {
             let mut sized = own.clone();
             scale_rows(&mut sized, &run.sizes);
-            let part = &run.root * sized;
-            let taken = run.by_shown.transpose() * &part;
-            for (row, place) in taken.row_iter().zip(&run.shown) {
-                let mut kept = shared.row_mut(*place);
-                kept -= row;
+            let run_coordinates = &run.root * sized;
+            let eliminated = run.by_shown.transpose() * &run_coordinates;
+            for (row, place) in eliminated.row_iter().zip(&run.shown) {
+                let mut shared_row = shared.row_mut(*place);
+                shared_row -= row;
             }
-            parts.push(part);
+            coordinates.push(run_coordinates);
         }
-        parts.push(&self.root * shared);
-        let rows = parts.iter().map(DMatrix::nrows).sum();
-        let mut all = DMatrix::zeros(rows, products.among.ncols());
+        coordinates.push(&self.root * shared);
+        let rows = coordinates.iter().map(DMatrix::nrows).sum();
+        let mut stacked = DMatrix::zeros(rows, products.among.ncols());
         let mut first = 0;
-        for part in parts {
-            all.rows_mut(first, part.nrows()).copy_from(&part);
-            first += part.nrows();
+        for block in coordinates {
+            stacked.rows_mut(first, block.nrows()).copy_from(&block);
+            first += block.nrows();
         }
-        all
+        stacked
     }
 }
 

@@ -1,6 +1,6 @@
 //! The inverse of the covariance of noise and discrepancy, for whole columns at once.
 
-use super::Patterns;
+use super::{Patterns, scale_columns, sizes_of};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// `S^-1` with `S = I + Phi diag(s^2) Phi^T`.
@@ -14,8 +14,8 @@ pub struct Inverse {
 impl Patterns {
     /// For patterns of these sizes; nothing where a size makes no sense.
     pub fn inverse(&self, sizes: &[f64]) -> Option<Inverse> {
-        let size_of = |group: &usize| sizes.get(*group).copied().unwrap_or(0.0);
         let shared = self.shared_groups.len();
+        let shared_sizes = sizes_of(&self.shared_groups, sizes);
         let count = shared + self.runs.iter().map(|run| run.own_groups.len()).sum::<usize>();
         let mut normal = DMatrix::identity(count, count);
         let mut run_inverses = Vec::with_capacity(self.runs.len());
@@ -24,12 +24,9 @@ impl Patterns {
             let mut patterns = DMatrix::zeros(run.own.nrows(), count);
             patterns.columns_mut(0, shared).copy_from(&run.shared);
             patterns.columns_mut(first, run.own.ncols()).copy_from(&run.own);
-            let groups = self.shared_groups.iter().enumerate();
-            let groups = groups.chain(run.own_groups.iter().enumerate().map(|(j, group)| (first + j, group)));
-            for (column, group) in groups {
-                let mut pattern = patterns.column_mut(column);
-                pattern *= size_of(group);
-            }
+            scale_columns(&mut patterns.columns_mut(0, shared), &shared_sizes);
+            let run_sizes = sizes_of(&run.own_groups, sizes);
+            scale_columns(&mut patterns.columns_mut(first, run.own.ncols()), &run_sizes);
             first += run.own.ncols();
             normal.gemm_tr(1.0, &patterns, &patterns, 1.0);
             run_inverses.push(patterns);
@@ -69,11 +66,11 @@ impl Inverse {
 
     /// The diagonal of `S^-1`, run by run.
     pub fn diagonal(&self) -> Vec<DVector<f64>> {
-        let of_run = |patterns: &DMatrix<f64>| {
+        let diagonals = self.patterns.iter().map(|patterns| {
             let mut root = patterns.transpose();
             self.factor.l_dirty().solve_lower_triangular_mut(&mut root);
             DVector::from_iterator(root.ncols(), root.column_iter().map(|column| 1.0 - column.norm_squared()))
-        };
-        self.patterns.iter().map(of_run).collect()
+        });
+        diagonals.collect()
     }
 }

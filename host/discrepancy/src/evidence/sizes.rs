@@ -54,12 +54,12 @@ impl Objective<'_> {
     /// Step of expectation and maximization.
     fn expected_step(&self, point: &Point) -> DVector<f64> {
         let (_, prior_slopes) = self.patterns.size_prior(&point.sizes);
-        let step = |group: &usize| {
+        let steps = self.free.iter().map(|group| {
             let count = self.patterns.count_of(*group);
             let second_moment = count - (point.evidence.gradient[*group] - prior_slopes[*group]);
             if count > 0.0 && second_moment > 0.0 { 0.5 * (second_moment / count).ln() } else { 0.0 }
-        };
-        DVector::from_iterator(self.free.len(), self.free.iter().map(step))
+        });
+        DVector::from_iterator(self.free.len(), steps)
     }
 
     /// Newton's step, and the log evidence that it promises. Along an axis with no curvature, or a negative one, it goes downhill as far as

@@ -15,13 +15,12 @@ fn random(rng: &mut ChaCha8Rng, rows: usize, columns: usize) -> DMatrix<f64> {
 /// Patterns of three groups: one of single runs, one shared, one shared of known size. With the columns of parameters and residuals.
 fn drawn() -> (Patterns, Vec<DMatrix<f64>>) {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let group = |name, everyday, tail| Group { name, everyday, tail, smaller_sd_ln: 1.5, multiple: 1.0 };
-    let groups =
-        vec![group("own", 0.5, Some(1.0)), group("shared", 0.2, Some(0.5)), group("known", 0.3, None)];
+    let groups = [("own", 0.5, Some(1.0)), ("shared", 0.2, Some(0.5)), ("known", 0.3, None)]
+        .map(|(name, everyday, tail)| Group { name, everyday, tail, smaller_sd_ln: 1.5, multiple: 1.0 });
     let runs =
         ROWS.map(|rows| RunPatterns::new(vec![0, 0], random(&mut rng, rows, 2), random(&mut rng, rows, 3)));
     let columns = ROWS.map(|rows| random(&mut rng, rows, PARAMETERS + 1));
-    (Patterns::new(groups, vec![1, 1, 2], runs.to_vec()), columns.to_vec())
+    (Patterns::new(groups.to_vec(), vec![1, 1, 2], runs.to_vec()), columns.to_vec())
 }
 
 /// All patterns of all runs times their sizes, and all columns.
@@ -100,12 +99,12 @@ fn slopes_are_those_of_differences() {
     let sizes = [0.7, 0.35, 0.3];
     let evidence = patterns.evidence(&sizes, &products).expect("evidence");
     for group in 0..2 {
-        let cost_at = |ln: f64| {
+        let [lower, upper] = [-1e-5_f64, 1e-5].map(|change| {
             let mut sizes = sizes;
-            sizes[group] *= ln.exp();
+            sizes[group] *= change.exp();
             minus_ln(&patterns, &columns, &sizes)
-        };
-        let slope = (cost_at(1e-5) - cost_at(-1e-5)) / 2e-5;
+        });
+        let slope = (upper - lower) / 2e-5;
         assert!((evidence.gradient[group] - slope).abs() < 1e-6, "{} for {slope}", evidence.gradient[group]);
     }
     assert_eq!(evidence.gradient[2], 0.0);
@@ -191,13 +190,14 @@ fn likeliest() -> (Patterns, Products, Vec<f64>) {
 fn the_volume_of_sizes_is_that_of_the_second_differences() {
     let (patterns, products, sizes) = likeliest();
     let step = 1e-4;
-    let gradient = |group: usize, by: f64| {
-        let mut moved = sizes.clone();
-        moved[group] *= by.exp();
-        patterns.evidence(&moved, &products).expect("evidence").gradient
-    };
-    let curvature =
-        DMatrix::from_fn(2, 2, |i, j| (gradient(j, step)[i] - gradient(j, -step)[i]) / (2.0 * step));
+    let curvature = DMatrix::from_fn(2, 2, |i, j| {
+        let [lower, upper] = [-step, step].map(|change: f64| {
+            let mut moved = sizes.clone();
+            moved[j] *= change.exp();
+            patterns.evidence(&moved, &products).expect("evidence").gradient[i]
+        });
+        (upper - lower) / (2.0 * step)
+    });
     assert!((curvature[(0, 1)] - curvature[(1, 0)]).abs() < 1e-5 && curvature[(0, 1)].abs() > 1e-4);
     let expected = -0.5 * curvature.determinant().ln();
     let ln_volume = patterns.ln_volume_of_sizes(&sizes, &products).expect("a volume");

@@ -152,12 +152,15 @@ pub fn parameter(name: &str, unit: &str, mean: f64, sd: f64) -> Parameter {
 
 /// Noise with a memory: white, and a random process whose neighbours have a correlation.
 pub fn coloured(rng: &mut ChaCha8Rng, count: usize, white: f64, slow: f64, correlation: f64) -> Vec<f64> {
-    let mut normal = || -> f64 { StandardNormal.sample(rng) };
-    let mut process = slow * normal();
+    let mut process = slow * normal(rng);
     (0..count)
         .map(|_| {
-            process = correlation * process + slow * (1.0 - correlation * correlation).sqrt() * normal();
-            process + white * normal()
+            process = correlation * process + slow * (1.0 - correlation * correlation).sqrt() * normal(rng);
+            process + white * normal(rng)
         })
         .collect()
+}
+
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
 }

@@ -15,12 +15,10 @@ fn cart(seed: u64, judges: bool, friction: &dyn Fn(f64, f64) -> f64) -> Run {
     let (mut position, mut speed) = (0.0, 0.0);
     let [mut times, mut positions, mut speeds, mut accelerations, mut forces] = [(); 5].map(|()| Vec::new());
     for (i, noise) in noise.iter().enumerate() {
-        let acceleration = |t: f64| {
-            let turn = std::f64::consts::TAU * hz;
-            1.5 * (turn * t + phase).cos() + 0.9 * (2.7 * turn * t).cos() - 0.8 * position - 0.3 * speed
-        };
         let now = 0.02 * i as f64;
-        let rate = acceleration(now);
+        let turn = std::f64::consts::TAU * hz;
+        let rate =
+            1.5 * (turn * now + phase).cos() + 0.9 * (2.7 * turn * now).cos() - 0.8 * position - 0.3 * speed;
         times.push(now);
         positions.push(position);
         speeds.push(speed);

@@ -166,10 +166,11 @@ impl Rates {
         let named: Vec<String> =
             report.terms.iter().filter(|term| term.is_named).map(|term| term.law.id()).collect();
         for hidden in kind.hidden {
-            let is_in_class = |term: &TermReport| explanations(term).iter().any(|id| id == hidden);
+            let is_in_a_class =
+                report.terms.iter().any(|term| explanations(term).iter().any(|id| id == hidden));
             if named.iter().any(|id| id == hidden) {
                 self.named += 1;
-            } else if report.terms.iter().any(is_in_class) {
+            } else if is_in_a_class {
                 self.in_a_class += 1;
             } else {
                 self.abstained += 1;
