@@ -85,11 +85,11 @@ fn add_alternatives(member: &mut Member, chosen: &Fitted, plausible_models: &[&B
 }
 
 fn in_place(effect: &dyn Effect, other: &Fitted, baseline_count: usize, chosen_ids: &[&str]) -> InPlace {
-    let added = || other.layout.effects.iter().skip(baseline_count);
-    if added().any(|one| one.id() == effect.id()) {
+    let mut added = other.layout.effects.iter().skip(baseline_count);
+    if added.clone().any(|one| one.id() == effect.id()) {
         return InPlace::Same;
     }
-    added().find(|one| !chosen_ids.contains(&one.id())).map_or(InPlace::Nothing, |one| InPlace::Other(*one))
+    added.find(|one| !chosen_ids.contains(&one.id())).map_or(InPlace::Nothing, |one| InPlace::Other(*one))
 }
 
 /// Adds the weight of a model to what its effect has in a class.
@@ -103,6 +103,7 @@ fn add(class: &mut Vec<Explanation>, effect: &'static dyn Effect, fitted: &Fitte
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::probability;
     use crate::tests::truth;
     use crate::weights::STATED_PROBABILITY;
     use crate::{choice::Beside, found_in};
@@ -122,15 +123,18 @@ mod tests {
         let (start, found) = found_in(&session);
         let member = found.members.first().expect("an effect");
         let named = found.fitted.layout.effects[member.index].id();
-        let probability = |member: &Member| (1.0 + (-member.ln_odds).exp()).recip();
         // As likely as the chosen model, and without the effect: it is missing with a probability of one half.
-        let without = with_model(member, &found.fitted, &start.fitted, 0.0);
-        assert!((probability(&without) - 0.5).abs() < 0.06, "{}", probability(&without));
-        assert!(without.is_needless_elsewhere && !without.is_the_only_explanation());
+        let equal = with_model(member, &found.fitted, &start.fitted, 0.0);
+        assert!((probability(equal.ln_odds) - 0.5).abs() < 0.06, "{}", equal.ln_odds);
+        assert!(equal.is_needless_elsewhere && !equal.is_the_only_explanation());
         // Far behind the chosen one, it bounds the odds and changes no name.
-        let far = with_model(member, &found.fitted, &start.fitted, -20.0);
-        assert!(far.ln_odds > 15.0 && far.ln_odds < 20.1 && !far.is_needless_elsewhere, "{}", far.ln_odds);
-        assert_eq!(far.class.len(), member.class.len());
+        let unlikely = with_model(member, &found.fitted, &start.fitted, -20.0);
+        assert!(
+            unlikely.ln_odds > 15.0 && unlikely.ln_odds < 20.1 && !unlikely.is_needless_elsewhere,
+            "{}",
+            unlikely.ln_odds
+        );
+        assert_eq!(unlikely.class.len(), member.class.len());
         // With another effect in its place, which then is in its class and takes nothing from the probability that something is missing.
         let others = found.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
         let other = others
@@ -141,9 +145,9 @@ mod tests {
         let id = other.layout.effects.last().expect("an effect").id();
         assert!(alternative.class.iter().any(|one| one.effect.id() == id), "{id}");
         assert!(alternative.class.iter().any(|one| one.effect.id() == named), "{named}");
-        assert!(probability(&alternative) > STATED_PROBABILITY && !alternative.is_needless_elsewhere);
+        assert!(probability(alternative.ln_odds) > STATED_PROBABILITY && !alternative.is_needless_elsewhere);
         // With the same effect: it confirms it.
-        let same = with_model(member, &found.fitted, &found.fitted, 0.0);
-        assert!(same.ln_odds > member.ln_odds && same.class.len() == member.class.len());
+        let confirming = with_model(member, &found.fitted, &found.fitted, 0.0);
+        assert!(confirming.ln_odds > member.ln_odds && confirming.class.len() == member.class.len());
     }
 }

@@ -76,12 +76,10 @@ impl Adequacy {
         columns.push(residuals);
         let of_runs = by_run(runs, &columns);
         let products = fitted.products_beside_parameters(patterns, &of_runs);
-        let structure = |sizes: &[f64]| {
-            let eliminated = fitted.eliminated(patterns, sizes, &products);
-            eliminated.map(|(eliminated, _)| structure(&eliminated)).ok_or(FitError::Undetermined)
-        };
-        let (noise, coefficients) = structure(&vec![0.0; patterns.groups.len()])?;
-        let (everyday, _) = structure(&patterns.everyday())?;
+        let beside_noise = fitted.eliminated(patterns, &vec![0.0; patterns.groups.len()], &products);
+        let (noise, coefficients) = structure(&beside_noise.ok_or(FitError::Undetermined)?.0);
+        let beside_everyday = fitted.eliminated(patterns, &patterns.everyday(), &products);
+        let (everyday, _) = structure(&beside_everyday.ok_or(FitError::Undetermined)?.0);
         // The parameters' part off, and back from independent residuals to what was measured.
         let smooth: Vec<DVector<f64>> =
             of_runs.iter().map(|columns| columns.columns(0, plain.len()) * &coefficients).collect();
@@ -176,27 +174,71 @@ fn whitened(runs: &[Prepared], column: &[f64]) -> DVector<f64> {
     DVector::from_vec(values)
 }
 
+/// A function of a datum.
+type Function<'a> = Box<dyn Fn(&Datum) -> f64 + 'a>;
+
+/// Ranges of the coordinates over the data, which make them numbers of order one.
+struct Ranges {
+    level_m: f64,
+    depth_m: f64,
+    /// Depths of the least and the deepest lateral run.
+    run_depths_m: (f64, f64),
+    /// Duration of the longest lateral run.
+    length_s: f64,
+}
+
+impl Ranges {
+    fn of(runs: &[Prepared]) -> Self {
+        let lateral = runs.iter().map(|run| &run.run).filter(|run| run.kind == Kind::Lateral);
+        let times_s = lateral.clone().flat_map(|run| &run.data).map(|datum| datum.place.time_s);
+        Self {
+            level_m: all_data(runs).map(|(_, datum)| datum.place.level_m.abs()).fold(1e-9, f64::max),
+            depth_m: all_data(runs).map(|(_, datum)| datum.place.depth_m.abs()).fold(1e-9, f64::max),
+            length_s: times_s.fold(1e-9, f64::max),
+            run_depths_m: lateral
+                .map(|run| run.depth_m)
+                .fold((f64::MAX, f64::MIN), |(least, most), depth_m| (least.min(depth_m), most.max(depth_m))),
+        }
+    }
+
+    fn has_several_depths(&self) -> bool {
+        self.run_depths_m.1 - self.run_depths_m.0 > 1e-3
+    }
+
+    fn run_depth(&self, run: &Prepared) -> f64 {
+        let (least_m, most_m) = self.run_depths_m;
+        (run.run.depth_m - least_m) / (most_m - least_m).max(1e-9) - 0.5
+    }
+
+    fn level(&self, datum: &Datum) -> f64 {
+        datum.place.level_m / self.level_m
+    }
+
+    fn depth(&self, datum: &Datum) -> f64 {
+        2.0 * datum.place.depth_m / self.depth_m - 1.0
+    }
+
+    fn legendre_of_level(&self, n: usize, datum: &Datum) -> f64 {
+        legendre(n, self.level(datum))
+    }
+
+    fn legendre_of_depth(&self, n: usize, datum: &Datum) -> f64 {
+        legendre(n, self.depth(datum))
+    }
+}
+
+/// Legendre's polynomial of a degree.
+fn legendre(degree: usize, x: f64) -> f64 {
+    let (mut previous, mut now) = (0.0, 1.0);
+    for k in 0..degree {
+        (previous, now) = (now, ((2 * k + 1) as f64 * x * now - k as f64 * previous) / (k + 1) as f64);
+    }
+    now
+}
+
 /// Smooth functions of the coordinates, one channel and kind of run each, in SI.
 fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
-    let lateral = || runs.iter().filter(|run| run.run.kind == Kind::Lateral);
-    let most = |of: &dyn Fn(&Datum) -> f64| all_data(runs).map(|(_, d)| of(d).abs()).fold(1e-9, f64::max);
-    let (most_level_m, most_depth_m) = (most(&|d| d.place.level_m), most(&|d| d.place.depth_m));
-    let depths =
-        lateral().map(|run| run.run.depth_m).fold((f64::MAX, f64::MIN), |(l, h), d| (l.min(d), h.max(d)));
-    let several_depths = depths.1 - depths.0 > 1e-3;
-    let depth = |run: &Prepared| (run.run.depth_m - depths.0) / (depths.1 - depths.0).max(1e-9) - 0.5;
-    let length_s = lateral().flat_map(|run| &run.run.data).map(|d| d.place.time_s).fold(1e-9, f64::max);
-
-    type Function<'a> = Box<dyn Fn(&Datum) -> f64 + 'a>;
-    let level = move |d: &Datum| d.place.level_m / most_level_m;
-    let normalized_depth = move |d: &Datum| 2.0 * d.place.depth_m / most_depth_m - 1.0;
-    let legendre = |n: usize, x: f64| {
-        let (mut previous, mut now) = (0.0, 1.0);
-        for k in 0..n {
-            (previous, now) = (now, ((2 * k + 1) as f64 * x * now - k as f64 * previous) / (k + 1) as f64);
-        }
-        now
-    };
+    let ranges = &Ranges::of(runs);
     let mut columns = Vec::new();
     for channel in Channel::ALL {
         for axis in 0..2 {
@@ -206,19 +248,18 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
             let mut functions: Vec<Function<'_>> = Vec::new();
             if of_tip {
                 if axis == 0 {
-                    functions
-                        .extend((0..8).map(|n| -> Function<'_> {
-                            Box::new(move |d| legendre(n, normalized_depth(d)))
-                        }));
+                    functions.extend(
+                        (0..8).map(|n| -> Function<'_> { Box::new(move |d| ranges.legendre_of_depth(n, d)) }),
+                    );
                 }
             } else if of_force {
                 functions.extend(
                     (0..if active { 5 } else { 3 })
-                        .map(|n| -> Function<'_> { Box::new(move |d| legendre(n, level(d))) }),
+                        .map(|n| -> Function<'_> { Box::new(move |d| ranges.legendre_of_level(n, d)) }),
                 );
                 functions.push(Box::new(move |d| d.place.direction));
-                functions.push(Box::new(move |d| d.place.direction * level(d)));
-                functions.push(Box::new(move |d| level(d).abs()));
+                functions.push(Box::new(move |d| d.place.direction * ranges.level(d)));
+                functions.push(Box::new(move |d| ranges.level(d).abs()));
                 // Function that differs between holds and the way between them.
                 functions.push(Box::new(move |d| {
                     d.place.hold_s.map_or(1.0, |s| (-s / 0.7).exp()) * d.place.direction
@@ -227,45 +268,45 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
                     .push(Box::new(move |d| if d.place.hold_s.is_none() { d.place.direction } else { 0.0 }));
                 let harmonics = if active { 4 } else { 2 };
                 for harmonic in 1..=harmonics {
-                    let turn = std::f64::consts::TAU * f64::from(harmonic) / length_s;
+                    let turn = std::f64::consts::TAU * f64::from(harmonic) / ranges.length_s;
                     functions.push(Box::new(move |d| (turn * d.place.time_s).sin()));
                     functions.push(Box::new(move |d| (turn * d.place.time_s).cos()));
                 }
-                functions.push(Box::new(move |d| d.place.time_s / length_s - 0.5));
+                functions.push(Box::new(move |d| d.place.time_s / ranges.length_s - 0.5));
             } else {
                 let powers = if active { 5 } else { 3 };
                 for n in 0..powers {
-                    functions.push(Box::new(move |d| legendre(n, normalized_depth(d))));
-                    functions.push(Box::new(move |d| legendre(n, normalized_depth(d)) * level(d)));
+                    functions.push(Box::new(move |d| ranges.legendre_of_depth(n, d)));
+                    functions.push(Box::new(move |d| ranges.legendre_of_depth(n, d) * ranges.level(d)));
                     if active {
-                        functions.push(Box::new(move |d| legendre(n, normalized_depth(d)) * level(d).abs()));
+                        functions
+                            .push(Box::new(move |d| ranges.legendre_of_depth(n, d) * ranges.level(d).abs()));
                     }
                 }
                 if active {
                     functions.push(Box::new(move |d| d.place.direction));
-                    functions.push(Box::new(move |d| d.place.direction * normalized_depth(d)));
+                    functions.push(Box::new(move |d| d.place.direction * ranges.depth(d)));
                 }
             }
-            let belongs = |run: &Prepared, d: &Datum| {
+            let belongs = all_data(runs).map(|(run, d)| {
                 d.channel == channel
                     && is_tested(run)
                     && (of_tip || (run.run.kind == Kind::Lateral && run.run.axis == axis))
-            };
-            if !all_data(runs).any(|(run, d)| belongs(run, d)) {
+            });
+            let belongs: Vec<bool> = belongs.collect();
+            if !belongs.contains(&true) {
                 continue;
             }
             for function in &functions {
-                let column = |factor: &dyn Fn(&Prepared) -> f64| -> Vec<f64> {
-                    all_data(runs)
-                        .map(|(run, d)| if belongs(run, d) { factor(run) * function(d) } else { 0.0 })
-                        .collect()
-                };
-                columns.push(column(&|_| 1.0));
-                if !of_tip && active && several_depths {
-                    columns.push(column(&depth));
-                } else if of_tip {
-                    // Turned insertions differ from straight ones, fast from slow.
-                    columns.push(column(&|run| run.run.turned()));
+                let values = all_data(runs).zip(&belongs);
+                let values: Vec<f64> =
+                    values.map(|((_, d), belongs)| if *belongs { function(d) } else { 0.0 }).collect();
+                columns.push(values.clone());
+                // Turned insertions differ from straight ones, fast from slow.
+                if of_tip || (active && ranges.has_several_depths()) {
+                    let factors = all_data(runs)
+                        .map(|(run, _)| if of_tip { run.run.turned() } else { ranges.run_depth(run) });
+                    columns.push(values.iter().zip(factors).map(|(value, factor)| factor * value).collect());
                 }
             }
         }
@@ -359,8 +400,8 @@ fn largest(group: &Group) -> f64 {
 
 /// The sizes that a fit gives the imperfections, from the everyday ones up to those that their priors allow.
 pub(super) fn allowed_sizes(fitted: &Fitted, patterns: &Patterns) -> Vec<f64> {
-    let allowed = |(group, size): (&Group, &f64)| size.clamp(group.everyday, largest(group));
-    patterns.groups.iter().zip(&fitted.sizes).map(allowed).collect()
+    let sizes = patterns.groups.iter().zip(&fitted.sizes);
+    sizes.map(|(group, size)| size.clamp(group.everyday, largest(group))).collect()
 }
 
 /// Everything that was scanned, and what it has in common with the residuals of a fit beside its parameters.
@@ -412,6 +453,11 @@ impl Scanned {
     }
 }
 
+/// The side of zero on which guide 2 is; zero itself belongs to neither.
+fn side(datum: &Datum) -> f64 {
+    if datum.place.level_m.abs() < 1e-5 { 0.0 } else { datum.place.level_m.signum() }
+}
+
 /// All bins of all coordinates, and their whitened columns.
 fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
     let (mut scans, mut columns) = (Vec::new(), Vec::new());
@@ -425,17 +471,18 @@ fn scans(runs: &[Prepared]) -> (Vec<Scan>, Vec<DVector<f64>>) {
                 continue;
             }
             for is_odd in [false, true] {
-                let sign = |d: &Datum| match is_odd {
-                    true if d.place.level_m.abs() < 1e-5 => 0.0,
-                    true => d.place.level_m.signum(),
-                    false => 1.0,
-                };
                 scans.push(Scan { channel, coordinate, is_odd, edges: edges.clone(), first: columns.len() });
                 columns.extend((0..edges.len()).map(|bin| {
                     let column: Vec<f64> = all_data(runs)
                         .zip(&values)
                         .map(|((_, d), value)| match value {
-                            Some(value) if bin_of(&edges, *value) == bin => sign(d),
+                            Some(value) if bin_of(&edges, *value) == bin => {
+                                if is_odd {
+                                    side(d)
+                                } else {
+                                    1.0
+                                }
+                            }
                             _ => 0.0,
                         })
                         .collect();

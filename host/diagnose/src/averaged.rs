@@ -48,8 +48,8 @@ impl Averaged {
         patterns: &Patterns,
         touched_m: f64,
     ) -> Self {
-        let ln_weight = |of: &Fitted| found.prior.ln_weight(of);
-        let most = ln_weight(own);
+        let prior = &found.prior;
+        let most = prior.ln_weight(own);
         let mut weighted_fits: Vec<(f64, &'a Fitted)> = Vec::new();
         let members = if is_named { found.members.as_slice() } else { &[] };
         let class = members.iter().flat_map(|member| {
@@ -66,22 +66,23 @@ impl Averaged {
             class_members.map(move |one| (own_odds.map(|own| one.ln_odds - own), &one.fitted))
         });
         weighted_fits.extend(class.map(|(over_own, fit)| {
-            (over_own.map_or_else(|| ln_weight(fit), |over_own| most + over_own), fit)
+            (over_own.map_or_else(|| prior.ln_weight(fit), |over_own| most + over_own), fit)
         }));
-        weighted_fits.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
-        let unused = |candidate: &'a Candidate| {
+        weighted_fits
+            .extend(members.iter().map(|member| (prior.ln_weight(&member.without), &member.without)));
+        // Beside two effects or more, those that were tried alone are far behind.
+        let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
+        let last = if is_named { found.last.as_slice() } else { &[] };
+        let unused = first.iter().chain(last).filter_map(|candidate: &'a Candidate| {
             let (fit, _) = candidate.refit.as_ref()?;
             let is_in_range = !fit.at_bound.contains(&true);
             let seen_fits = weighted_fits.iter().map(|(_, known)| *known).chain([own]);
             let is_new = !seen_fits.into_iter().any(|seen_fits| seen_fits.layout.has_effects_of(&fit.layout));
             // By what was held out it may have lost a part of its odds.
-            let lost = candidate.gain() + found.prior.ln_odds(candidate.score.effect) - candidate.ln_odds;
-            (is_in_range && is_new).then(|| (ln_weight(fit) - lost.max(0.0), fit, candidate.standing))
-        };
-        // Beside two effects or more, those that were tried alone are far behind.
-        let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
-        let last = if is_named { found.last.as_slice() } else { &[] };
-        let mut unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
+            let lost = candidate.gain() + prior.ln_odds(candidate.score.effect) - candidate.ln_odds;
+            (is_in_range && is_new).then(|| (prior.ln_weight(fit) - lost.max(0.0), fit, candidate.standing))
+        });
+        let mut unused: Vec<_> = unused.collect();
         for standing in [Standing::Refused, Standing::Refuted] {
             let of_standing = unused.iter_mut().filter(|(_, _, of)| *of == standing);
             limit_refused(of_standing.map(|(ln, _, _)| ln), most + standing.most_ln_odds());
@@ -206,16 +207,19 @@ impl Averaged {
     /// Interval of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever
     /// effects, is `plain`, that of springs without effects and its standard deviation, as logarithms.
     pub fn k_pa(&self, plain: (f64, f64), beside: &[Beside]) -> Option<[f64; 2]> {
-        let is_body = |fit: &Fitted| fit.layout.support.is_body();
-        let k = |fit: &Fitted| if is_body(fit) { Some(plain) } else { self.ln_modulus(fit) };
         let chosen_fits = self.fits.iter().map(|(weight, fit)| (*weight, fit));
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
         let other_fits = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
         let weighted_moments: Vec<(f64, f64, f64)> = chosen_fits
             .chain(other_fits)
-            .filter_map(|(weight, fit)| k(fit).map(|(ln, sd)| (weight, ln, sd)))
+            .filter_map(|(weight, fit)| {
+                let is_body = fit.layout.support.is_body();
+                let (ln, sd) = if is_body { plain } else { self.ln_modulus(fit)? };
+                Some((weight, ln, sd))
+            })
             .collect();
-        let value_pa = if is_body(&self.own) { plain.0.exp() } else { self.own.modulus_pa().0 };
+        let value_pa =
+            if self.own.layout.support.is_body() { plain.0.exp() } else { self.own.modulus_pa().0 };
         Some(holding(interval(&weighted_moments)?.map(in_range_pa), value_pa))
     }
 
@@ -241,14 +245,13 @@ impl Averaged {
     /// Interval of a parameter of an effect, in its own unit, over all fits that have the effect; `None` if only one
     /// has it.
     pub fn parameter(&self, effect: &dyn Effect, number: usize) -> Option<[f64; 2]> {
-        let index = |fit: &Fitted| fit.layout.effects.iter().position(|own| own.id() == effect.id());
-        let mut having = self.fits.iter().filter_map(|(_, fit)| Some((fit, index(fit)?)));
+        let mut having = self.fits.iter().filter_map(|(_, fit)| Some((fit, fit.layout.index_of(effect)?)));
         let (first, first_parameter) = having.next()?;
         if having.next().is_none() {
             return Some(first.estimate(first_parameter, number).1);
         }
         self.holding_own(|fit| {
-            let (value, [low, high]) = fit.estimate(index(fit)?, number);
+            let (value, [low, high]) = fit.estimate(fit.layout.index_of(effect)?, number);
             Some((value, (high - low) / (2.0 * NORMAL_975)))
         })
     }
@@ -283,19 +286,18 @@ pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
         .map(|(weight, value, sd)| Some((weight / total, Normal::new(*value, *sd).ok()?)))
         .collect();
     let normals = normals.filter(|normals| !normals.is_empty())?;
-    let mass_below = |x: f64| normals.iter().map(|(weight, normal)| weight * normal.cdf(x)).sum::<f64>();
     // The quantile of a mixture lies between those of its parts.
-    let quantile = |p: f64| {
+    Some([0.025, 0.975].map(|p| {
         let ends = normals.iter().map(|(_, normal)| normal.inverse_cdf(p));
         let (mut low, mut high) =
             ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (low + high);
-            if mass_below(middle) < p { low = middle } else { high = middle }
+            let mass_below: f64 = normals.iter().map(|(weight, normal)| weight * normal.cdf(middle)).sum();
+            if mass_below < p { low = middle } else { high = middle }
         }
         0.5 * (low + high)
-    };
-    Some([quantile(0.025), quantile(0.975)])
+    }))
 }
 
 #[cfg(test)]

@@ -95,41 +95,43 @@ fn cleaned(values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+/// Mean of the finite readings.
+fn mean(values: &[f64]) -> f64 {
+    let usable = values.iter().filter(|v| v.is_finite());
+    usable.clone().sum::<f64>() / usable.count() as f64
+}
+
 /// Means over short stretches of a recording.
 pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
     let force = &run.force;
     let rows = force.time_s.len();
-    let zeros = || vec![0.0; rows];
-    let force_n = [cleaned(&force.force_y_n), force.force_x_n.as_deref().map_or_else(zeros, cleaned)];
-    let read_m = [force.displacement_y_m.clone(), force.displacement_x_m.clone().unwrap_or_else(zeros)];
-    let hold_of = |time_s: f64| {
-        let is_inside_hold = |h: &Hold| (h.time_s[0] + EDGE_S..=h.time_s[1] - EDGE_S).contains(&time_s);
-        holds.iter().position(|h| is_inside_hold(h) && h.lost_samples == 0)
-    };
+    let zeros = vec![0.0; rows];
+    let force_n = [cleaned(&force.force_y_n), force.force_x_n.as_deref().map_or(zeros.clone(), cleaned)];
+    let read_m = [force.displacement_y_m.clone(), force.displacement_x_m.clone().unwrap_or(zeros)];
+    let hold_of_rows = force.time_s.iter().map(|time_s| {
+        holds.iter().position(|hold| {
+            let [begin_s, end_s] = hold.time_s;
+            (begin_s + EDGE_S..=end_s - EDGE_S).contains(time_s) && hold.lost_samples == 0
+        })
+    });
+    let hold_of_rows: Vec<Option<usize>> = hold_of_rows.collect();
     let mut cells = Cells::default();
     let mut row = 0;
     while row < rows {
-        let hold = hold_of(force.time_s[row]);
+        let hold = hold_of_rows[row];
         // The last cell before a hold, or of one, is the longer one: a few readings of their own would be far noisier than others.
-        let end_of = |length_s: f64| {
+        let [end, longest] = [CELL_S, LONGEST_CELL_S].map(|length_s| {
             let end_s = force.time_s[row] + length_s * (1.0 - 1e-9);
-            (row + 1..rows)
-                .take_while(|i| force.time_s[*i] < end_s && hold_of(force.time_s[*i]) == hold)
-                .last()
-                .unwrap_or(row)
-                + 1
-        };
-        let (end, longest) = (end_of(CELL_S), end_of(LONGEST_CELL_S));
-        let is_last = longest < rows && hold_of(force.time_s[longest]) != hold || longest == rows;
+            let in_cell =
+                (row + 1..rows).take_while(|i| force.time_s[*i] < end_s && hold_of_rows[*i] == hold);
+            in_cell.last().unwrap_or(row) + 1
+        });
+        let is_last = hold_of_rows.get(longest).is_none_or(|next| *next != hold);
         let end = if is_last { longest } else { end };
-        let mean = |values: &[f64]| {
-            let usable = values[row..end].iter().filter(|v| v.is_finite());
-            usable.clone().sum::<f64>() / usable.count() as f64
-        };
-        cells.time_s.push(mean(&force.time_s));
+        cells.time_s.push(mean(&force.time_s[row..end]));
         cells.length_s.push(force.time_s[end - 1] - force.time_s[row]);
         for plane in 0..2 {
-            let (cell_n, cell_m) = (mean(&force_n[plane]), mean(&read_m[plane]));
+            let (cell_n, cell_m) = (mean(&force_n[plane][row..end]), mean(&read_m[plane][row..end]));
             // A column that is not there is all zeros.
             if hold.is_some() && cell_n.is_finite() && cell_n != 0.0 {
                 cells.force_scatter.add(&force_n[plane][row..end], cell_n);
@@ -197,27 +199,22 @@ pub(super) fn stretches(cells: &Cells) -> Vec<Range<usize>> {
     while start < cells.hold.len() {
         let hold = cells.hold[start];
         let end = start + cells.hold[start..].iter().take_while(|other| **other == hold).count();
-        let mut stretch_start = start;
-        for i in start..end {
-            let elapsed_s = |i: usize| cells.time_s[i] - cells.time_s[start];
-            let class = |i: usize| match hold {
-                None => (i - start) / RAMP_CELLS,
-                Some(_) => {
-                    let last_s = HOLD_S[HOLD_S.len() - 1];
-                    let extra_parts = (elapsed_s(i) / last_s) as usize;
-                    if extra_parts > 0 {
-                        HOLD_S.len() + extra_parts
-                    } else {
-                        HOLD_S.partition_point(|s| *s <= elapsed_s(i))
-                    }
+        let classes = (start..end).map(|i| match hold {
+            None => (i - start) / RAMP_CELLS,
+            Some(_) => {
+                let elapsed_s = cells.time_s[i] - cells.time_s[start];
+                let extra_parts = (elapsed_s / HOLD_S[HOLD_S.len() - 1]) as usize;
+                if extra_parts > 0 {
+                    HOLD_S.len() + extra_parts
+                } else {
+                    HOLD_S.partition_point(|s| *s <= elapsed_s)
                 }
-            };
-            if i + 1 == end || class(i + 1) != class(i) {
-                stretches.push(stretch_start..i + 1);
-                stretch_start = i + 1;
             }
+        });
+        for stretch in classes.collect::<Vec<usize>>().chunk_by(|a, b| a == b) {
+            stretches.push(start..start + stretch.len());
+            start += stretch.len();
         }
-        start = end;
     }
     stretches
 }

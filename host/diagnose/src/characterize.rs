@@ -10,7 +10,7 @@
 mod play;
 
 use super::data::{Datum, Source};
-use super::discrepancy::group_of;
+use super::discrepancy::{columns, group_of};
 use super::evidence::{Patterns, RunPatterns};
 use super::known::KnownParameter;
 use super::layout::{Layout, Prepared, Scale, prior};
@@ -24,7 +24,6 @@ use formats::session::{LateralRun, Session};
 use mechanics::Model;
 use mechanics::effects::effect;
 use mechanics::unknowns::{rig, sensors};
-use nalgebra::{DMatrix, DVector};
 use play::over_plays;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -120,7 +119,8 @@ impl Characterisation {
     /// Rig as characterized, for a file: what the runs have determined, or was stated, of everything that stays the
     /// same from session to session.
     pub fn model(&self, learned_from: Option<String>) -> ModelFile {
-        let learned_effect = |id: &&str| -> Option<LearnedEffect> {
+        let characterized = EFFECTS.iter().filter(|id| !OF_ONE_SESSION.contains(id));
+        let effects = characterized.filter_map(|id| {
             let effect = effect(id)?;
             let of_effect: Vec<_> = self.parameters.iter().filter(|one| one.effect == *id).collect();
             let is_characterized = !of_effect.is_empty()
@@ -135,10 +135,8 @@ impl Characterisation {
                     .collect(),
                 log_evidence_gain: None,
             })
-        };
-        let effects =
-            EFFECTS.iter().filter(|id| !OF_ONE_SESSION.contains(id)).filter_map(learned_effect).collect();
-        ModelFile { learned_from, effects, ..ModelFile::default() }
+        });
+        ModelFile { learned_from, effects: effects.collect(), ..ModelFile::default() }
     }
 }
 
@@ -188,12 +186,12 @@ pub fn characterize(
     session: &Session,
     options: &CharacterizeOptions,
 ) -> Result<Characterisation, CharacterizeError> {
-    let path = || session.dir.join("session.toml");
+    let path = session.dir.join("session.toml");
     if !session.rig.needle.stiffness_known {
-        return Err(CharacterizeError::NeedleUnknown { path: path() });
+        return Err(CharacterizeError::NeedleUnknown { path });
     }
     if !session.lateral.iter().any(LateralRun::is_in_air) {
-        return Err(CharacterizeError::NoAir { path: path() });
+        return Err(CharacterizeError::NoAir { path });
     }
     let (runs, mut warnings) = runs_in(session, true)?;
     let (noise, disagreements) = Noise::with_disagreements(&runs, &session.stated_noise());
@@ -209,14 +207,6 @@ pub fn characterize(
     let mut layout = Layout::new(&session.rig, &runs, effects);
     layout.known = stated(options).into();
 
-    let prepared = |values: &[f64]| -> Result<Vec<Prepared>, CharacterizeError> {
-        runs.iter()
-            .map(|run| {
-                let model = layout.model_of(values, run.kind, false)?;
-                Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, &noise, &model)? })
-            })
-            .collect()
-    };
     // Without tissue its modulus does not matter.
     let beam = Model::uniform(session.rig.clone(), 1e3)?.beam(0.0)?;
     let stiffness_n_per_m = beam.lateral_stiffness_n_per_m();
@@ -224,7 +214,11 @@ pub fn characterize(
     let mut values = layout.first_values();
     let mut last = None;
     for _ in 0..2 {
-        let prepared = prepared(&values)?;
+        let mut prepared = Vec::with_capacity(runs.len());
+        for run in &runs {
+            let model = layout.model_of(&values, run.kind, false)?;
+            prepared.push(Prepared { run: run.clone(), whitener: Whitener::new(run, &noise, &model)? });
+        }
         let patterns = sensor_patterns(&prepared, stiffness_n_per_m);
         let everyday = patterns.everyday();
         let fit = Fitted::new(&layout, &prepared, &patterns, &values, &everyday, MAX_ROUNDS)?;
@@ -255,16 +249,15 @@ fn row_s(session: &Session) -> f64 {
 
 /// Statements beside the session.
 fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
-    let known_parameter = |effect: &str, parameter: &str, sd: Option<f64>| {
-        sd.map(|sd| KnownParameter {
-            effect: effect.to_owned(),
-            parameter: parameter.to_owned(),
-            value: 0.0,
-            sd,
-        })
-    };
-    let gain = known_parameter("sensor.force_gain", "gain", options.force_gain_sd);
-    gain.into_iter().chain(known_parameter("needle.stiffness", "relative", options.stiffness_sd)).collect()
+    let statements = [
+        ("sensor.force_gain", "gain", options.force_gain_sd),
+        ("needle.stiffness", "relative", options.stiffness_sd),
+    ];
+    let known_parameters = statements.into_iter().filter_map(|(effect, parameter, sd)| {
+        let (effect, parameter) = (effect.to_owned(), parameter.to_owned());
+        Some(KnownParameter { effect, parameter, value: 0.0, sd: sd? })
+    });
+    known_parameters.collect()
 }
 
 /// Patterns of every force sensor and guide beside the effects. Sizes are found of the zero of a run and plane, of how
@@ -278,44 +271,35 @@ fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
         group_of(&sensors::FORCE_OF_ONE_HOLD_IN_AIR),
         group_of(&rig::GUIDE2_CREEP),
     ];
-    let of_run = |prepared: &Prepared| {
+    let of_runs = prepared.iter().map(|prepared| {
         let data = &prepared.run.data;
-        let (mut of_groups, mut columns) = (Vec::new(), Vec::new());
-        let mut add = |group: usize, of: &dyn Fn(&Datum) -> f64| {
-            let mut pattern: Vec<f64> = data.iter().map(of).collect();
-            if pattern.iter().any(|value| *value != 0.0) {
-                prepared.whitener.apply(&mut pattern);
-                of_groups.push(group);
-                columns.push(DVector::from_vec(pattern));
-            }
-        };
+        let mut patterns: Vec<(usize, Vec<f64>)> = Vec::new();
         for plane in 0..2 {
-            let in_plane = |datum: &Datum| if is_force(datum, plane) { 1.0 } else { 0.0 };
-            add(0, &in_plane);
+            let in_plane: Vec<f64> = data.iter().map(|datum| f64::from(is_force(datum, plane))).collect();
+            patterns.push((0, in_plane.clone()));
             for time_s in SETTLING_S {
-                add(1, &|datum| in_plane(datum) * (-datum.place.time_s / time_s).exp());
+                let settling = data.iter().zip(&in_plane);
+                let settling = settling.map(|(datum, force)| force * (-datum.place.time_s / time_s).exp());
+                patterns.push((1, settling.collect()));
             }
             for hold in 0..prepared.run.parts() {
-                add(2, &|datum| if datum.part == hold { in_plane(datum) } else { 0.0 });
+                let of_hold = data.iter().zip(&in_plane);
+                let of_hold = of_hold.map(|(datum, force)| if datum.part == hold { *force } else { 0.0 });
+                patterns.push((2, of_hold.collect()));
             }
         }
-        let own_columns = match columns.as_slice() {
-            [] => DMatrix::zeros(data.len(), 0),
-            columns => DMatrix::from_columns(columns),
-        };
+        patterns.retain(|(_, pattern)| pattern.iter().any(|value| *value != 0.0));
         // Alike in all runs: what depends on the direction of the last motion, and on the side of zero (half of a clearance).
-        let force_per_m = |datum: &Datum| {
-            if is_force(datum, prepared.run.axis) { stiffness_n_per_m } else { 0.0 }
-        };
-        let direction = data.iter().map(|datum| force_per_m(datum) * datum.place.direction).collect();
-        let side = data.iter().map(|datum| 0.5 * force_per_m(datum) * sign(datum.place.level_m)).collect();
-        let shared = [direction, side].map(|mut pattern: Vec<f64>| {
-            prepared.whitener.apply(&mut pattern);
-            DVector::from_vec(pattern)
-        });
-        RunPatterns::new(of_groups, own_columns, DMatrix::from_columns(&shared))
-    };
-    Patterns::new(groups, vec![3; 2], prepared.iter().map(of_run).collect())
+        let forces_per_m =
+            data.iter().map(|datum| if is_force(datum, prepared.run.axis) { stiffness_n_per_m } else { 0.0 });
+        let forces_per_m = data.iter().zip(forces_per_m);
+        let direction = forces_per_m.clone().map(|(datum, n_per_m)| n_per_m * datum.place.direction);
+        let side = forces_per_m.map(|(datum, n_per_m)| 0.5 * n_per_m * sign(datum.place.level_m));
+        let shared = vec![direction.collect(), side.collect()];
+        let (of_groups, run_patterns): (Vec<usize>, Vec<Vec<f64>>) = patterns.into_iter().unzip();
+        RunPatterns::new(of_groups, columns(prepared, run_patterns), columns(prepared, shared))
+    });
+    Patterns::new(groups, vec![3; 2], of_runs.collect())
 }
 
 /// The sign of a level; zero belongs to no side.
@@ -342,11 +326,11 @@ fn parameters(
             let stated = stated.iter().find(|known| known.is_of(effect.id(), info.name));
             let prior_sd = stated.map_or_else(|| prior(info), |known| known.prior(scale)).sd;
             let mut inside_sd = fitted.sd(layout.first_of(number) + index);
-            let rubs = |one: &CharacterizedParameter| {
-                one.effect == "rig.friction" && one.value > FRICTION_SDS * one.sd
-            };
             if effect.id() == "sensor.delay" {
-                let row_sd_s = if parameters_found.iter().any(rubs) { row_s / 12f64.sqrt() } else { 0.0 };
+                let rubs = parameters_found
+                    .iter()
+                    .any(|one| one.effect == "rig.friction" && one.value > FRICTION_SDS * one.sd);
+                let row_sd_s = if rubs { row_s / 12f64.sqrt() } else { 0.0 };
                 inside_sd = inside_sd.hypot(row_sd_s).hypot(sensors::CLOCK.sd());
                 let half = NORMAL_975 * inside_sd;
                 ci95 = [value - half, value + half].map(|end| end.clamp(info.range[0], info.range[1]));

@@ -83,11 +83,11 @@ pub fn check(
     let Released { start, .. } = known::released(&mut layout, |layout| {
         fit_start(layout, &runs, &noises, &options.given, &options.discrepancy)
     })?;
-    let body = || start.on(Support::Body { poisson: options.poisson, block: session.tissue.block() });
+    let support = Support::Body { poisson: options.poisson, block: session.tissue.block() };
     let start = match options.foundation {
         FoundationChoice::Springs => start,
-        FoundationChoice::Body => body()?,
-        FoundationChoice::Auto => match body() {
+        FoundationChoice::Body => start.on(support)?,
+        FoundationChoice::Auto => match start.on(support) {
             Ok(body) if body.fitted.log_evidence - start.fitted.log_evidence > FOUNDATION_MARGIN => body,
             _ => start,
         },
@@ -102,8 +102,8 @@ pub fn check(
     let nameable = scores.named_from(needed, NAMED_PROBABILITY);
     let mut effects: Vec<Showable> = nameable.iter().filter_map(showable).collect();
     effects.sort_by(|a, b| a.over_usual.total_cmp(&b.over_usual));
-    let is_shown = |id: &str| effects.iter().any(|one| one.effect == id);
-    let not_shown = names.iter().map(|effect| effect.id()).filter(|id| !is_shown(id)).collect();
+    let ids = names.iter().map(|effect| effect.id());
+    let not_shown = ids.filter(|id| effects.iter().all(|shown| shown.effect != *id)).collect();
     let (modulus_pa, ends_pa) = start.fitted.clone().over_sizes(&start.patterns).modulus_pa();
     Ok(Check {
         schema: "guide.diagnose_check/1",
@@ -169,20 +169,17 @@ mod tests {
     fn an_effect_of_the_stated_size_is_named_and_a_smaller_one_is_not() {
         let design = Design::four_runs();
         let size = value(&checked(&design, 1), "rig.backlash");
-        let named = |size: f64| {
-            (0..4u64)
-                .filter(|seed| {
-                    let session =
-                        worlds::session(&truth(vec![("rig.backlash", vec![size])]), &design, 10 + seed);
-                    let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
-                    let has_name =
-                        diagnosis.effects.iter().any(|one| one.class.contains(&"rig.backlash".to_owned()));
-                    has_name && matches!(diagnosis.verdict, Verdict::Named | Verdict::Ambiguous)
-                })
-                .count()
-        };
-        assert!(named(1.3 * size) >= 3, "of size {size} mm");
-        assert!(named(0.4 * size) <= 1, "of size {size} mm");
+        let [named, named_of_smaller] = [1.3 * size, 0.4 * size].map(|size| {
+            let named = (0..4u64).filter(|seed| {
+                let session = worlds::session(&truth(vec![("rig.backlash", vec![size])]), &design, 10 + seed);
+                let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+                let has_name =
+                    diagnosis.effects.iter().any(|one| one.class.contains(&"rig.backlash".to_owned()));
+                has_name && matches!(diagnosis.verdict, Verdict::Named | Verdict::Ambiguous)
+            });
+            named.count()
+        });
+        assert!(named >= 3 && named_of_smaller <= 1, "{named} and {named_of_smaller}, of size {size} mm");
     }
 
     #[test]

@@ -56,7 +56,6 @@ pub(super) fn choose(
     let walls = tissue.walls.map(|_| FINITE_BODY);
     let left_out: Vec<&'static str> = options.left_out.iter().copied().chain(walls).collect();
     let catalogue = Catalogue { laws: options.discovery, left_out: &left_out };
-    let search = |start: &Start, report: &mut dyn FnMut(&str)| on(start, judge, catalogue).run(report);
     let body = match options.foundation {
         FoundationChoice::Springs => None,
         FoundationChoice::Body | FoundationChoice::Auto => {
@@ -64,7 +63,7 @@ pub(super) fn choose(
         }
     };
     let Some(body) = body else {
-        let outcome = search(&springs, &mut report)?;
+        let outcome = on(&springs, judge, catalogue).run(&mut report)?;
         let foundation = FoundationResult::springs(None, &springs.fitted);
         return Ok(Choice { foundation, start: springs, found: outcome, beside: Vec::new() });
     };
@@ -77,23 +76,20 @@ pub(super) fn choose(
         "tissue as {}: log evidence of a body over springs {gain:+.1}",
         first.fitted.layout.support.name()
     ));
-    let found = search(&first, &mut report)?;
+    let found = on(&first, judge, catalogue).run(&mut report)?;
     let is_searched = !only_body
         && (is_in_question(&first, &second, &found)?
             || promises_more(&found, &on(&first, judge, catalogue), &on(&second, judge, catalogue))?);
-    let other_outcome = if is_searched { search(&second, &mut report).ok() } else { None };
+    let other_outcome = if is_searched { on(&second, judge, catalogue).run(&mut report).ok() } else { None };
     // If no effect is named on one foundation, a name on the other one has to explain the held-out runs better, too.
-    let explains_held_out = |other: &Found| {
-        !found.members.is_empty()
+    let is_better = other_outcome.as_ref().is_some_and(|other| {
+        let explains_held_out = !found.members.is_empty()
             || other.members.is_empty()
-            || judge.held_out_shrinks(&found.fitted, &other.fitted)
-    };
-    let is_better = |other: &Found| {
-        other.prior.ln_weight(&other.fitted) > found.prior.ln_weight(&found.fitted)
-            && explains_held_out(other)
-    };
+            || judge.held_out_shrinks(&found.fitted, &other.fitted);
+        other.prior.ln_weight(&other.fitted) > found.prior.ln_weight(&found.fitted) && explains_held_out
+    });
     let (start, found, refused, unused) = match other_outcome {
-        Some(other) if is_better(&other) => (second, other, first, Some(found)),
+        Some(other) if is_better => (second, other, first, Some(found)),
         other => (first, found, second, other),
     };
     let springs = if start.fitted.layout.support.is_body() { &refused.fitted } else { &start.fitted };
@@ -113,8 +109,9 @@ fn on<'a>(start: &'a Start, judge: &'a Judge, catalogue: Catalogue<'a>) -> Searc
 /// Whether a law without a name was found on the first foundation, and the second has an effect that by its score may be what it stands in for:
 /// some laws are of springs alone.
 fn promises_more(found: &Found, first: &Search<'_>, second: &Search<'_>) -> Result<bool, DiagnoseError> {
-    let is_law = |index: usize| found.fitted.layout.effects.get(index).is_some_and(|of| of.is_unnamed());
-    if !found.members.iter().any(|member| is_law(member.index)) {
+    let effects = &found.fitted.layout.effects;
+    let mut added = found.members.iter().filter_map(|member| effects.get(member.index));
+    if !added.any(|effect| effect.is_unnamed()) {
         return Ok(false);
     }
     let [[start, best], [other_start, other_best]] = [first.promise()?, second.promise()?];
@@ -175,8 +172,9 @@ mod tests {
             let session = worlds::session(&falling, &Design::four_runs(), seed);
             let result = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
             if result.verdict == Verdict::Adequate {
-                let is_stated = |limit: &String| limit.contains("springs with tissue.");
-                assert!(result.limits.iter().any(is_stated), "{seed} {:?}", result.limits);
+                let mut limits = result.limits.iter();
+                let is_stated = limits.any(|limit| limit.contains("springs with tissue."));
+                assert!(is_stated, "{seed} {:?}", result.limits);
             } else {
                 let class = &result.effects[0].class;
                 assert!(class.iter().any(|id| id.starts_with("tissue.")), "{seed} {:?}", result.effects);

@@ -79,10 +79,10 @@ impl Window {
 
 /// Mean position of guide 2 in every cell, and where it is not that of a hold for sure. `stood_m` are the positions of the holds.
 pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Window>) {
-    let at_hold =
-        |cell: usize| track.hold.get(cell).copied().flatten().and_then(|hold| stood_m.get(hold)).copied();
+    let holds_m: Vec<Option<f64>> =
+        track.hold.iter().map(|hold| hold.and_then(|hold| stood_m.get(hold).copied())).collect();
     let mut positions_m: Vec<f64> =
-        track.read_m.iter().enumerate().map(|(cell, read_m)| at_hold(cell).unwrap_or(*read_m)).collect();
+        track.read_m.iter().zip(&holds_m).map(|(read_m, hold_m)| hold_m.unwrap_or(*read_m)).collect();
     let mut windows = Vec::new();
     let mut start = 0;
     let chunks: Vec<&[Option<usize>]> = track.hold.chunk_by(|a, b| a == b).collect();
@@ -92,10 +92,8 @@ pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Windo
         if same.first().is_none_or(Option::is_some) {
             continue;
         }
-        let previous_m = gap.start.checked_sub(1).and_then(at_hold);
-        let next_m = at_hold(gap.end);
-        let half_hold =
-            |chunk: Option<usize>| chunk.and_then(|chunk| chunks.get(chunk)).map_or(0, |hold| hold.len() / 2);
+        let previous_m = gap.start.checked_sub(1).and_then(|cell| holds_m[cell]);
+        let next_m = holds_m.get(gap.end).copied().flatten();
         let (Some(first_m), Some(last_m)) = (previous_m.or(next_m), next_m.or(previous_m)) else { continue };
         // As far into the holds as motion at the mean speed, on both sides, is hidden in the noise.
         let hidden_m = NO_CHANCE * track.sd_m;
@@ -105,8 +103,11 @@ pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Windo
         } else {
             usize::MAX
         };
-        let reach = |chunk: Option<usize>| hidden.min(half_hold(chunk));
-        let cells = gap.start - reach(number.checked_sub(1))..gap.end + reach(Some(number + 1));
+        let [reach_before, reach_after] = [number.checked_sub(1), Some(number + 1)].map(|chunk| {
+            let half_hold = chunk.and_then(|chunk| chunks.get(chunk)).map_or(0, |hold| hold.len() / 2);
+            hidden.min(half_hold)
+        });
+        let cells = gap.start - reach_before..gap.end + reach_after;
         let passage = Passage { track, cells: cells.clone(), ends_m: [previous_m, next_m] };
         if let Some((means_m, covariance)) = passage.posterior() {
             cells.clone().zip(means_m).for_each(|(cell, mean_m)| positions_m[cell] = mean_m);
@@ -182,15 +183,15 @@ impl Modes {
     fn new(count: usize, hold_before: bool, hold_after: bool) -> Self {
         let is_between_holds = hold_before && hold_after;
         let period = if is_between_holds { (count + 1) as f64 } else { count as f64 + 0.5 };
-        let wave =
-            |mode: usize| PI * if is_between_holds { mode as f64 + 1.0 } else { mode as f64 + 0.5 } / period;
-        // Places count from the hold.
-        let cell_number = |row: usize| if hold_before { row as f64 + 1.0 } else { (count - row) as f64 };
+        let first = if is_between_holds { 1.0 } else { 0.5 };
+        let waves: Vec<f64> = (0..count).map(|mode| PI * (mode as f64 + first) / period).collect();
         Self {
             basis: DMatrix::from_fn(count, count, |row, mode| {
-                (2.0 / period).sqrt() * (wave(mode) * cell_number(row)).sin()
+                // Cells count from the hold.
+                let cell = if hold_before { row as f64 + 1.0 } else { (count - row) as f64 };
+                (2.0 / period).sqrt() * (waves[mode] * cell).sin()
             }),
-            curvature: (0..count).map(|mode| 4.0 * (0.5 * wave(mode)).sin().powi(2)).collect(),
+            curvature: waves.iter().map(|wave| 4.0 * (0.5 * wave).sin().powi(2)).collect(),
             has_hold: [hold_before, hold_after],
         }
     }
@@ -251,11 +252,11 @@ struct OfSize {
 
 impl Courses {
     fn new(modes: &Modes, cell_s: &[[f64; 2]], ranges_s: [[f64; 2]; 2], way: f64) -> Self {
-        let spread = |[start_s, end_s]: [f64; 2]| {
-            (0..TIMES).map(move |number| start_s + (end_s - start_s) * (number as f64 + 0.5) / TIMES as f64)
-        };
-        let times_s: Vec<f64> =
-            if way == 0.0 { Vec::new() } else { ranges_s.into_iter().flat_map(spread).collect() };
+        let mut times_s = Vec::new();
+        for [start_s, end_s] in ranges_s.into_iter().filter(|_| way != 0.0) {
+            let numbers = 0..TIMES;
+            times_s.extend(numbers.map(|i| start_s + (end_s - start_s) * (i as f64 + 0.5) / TIMES as f64));
+        }
         let unit_distances = DMatrix::from_fn(cell_s.len(), times_s.len(), |cell, number| {
             mean_way(cell_s[cell], times_s[number])
         });
@@ -333,18 +334,15 @@ impl Courses {
                 probability[stop] += weight * of_pair;
             }
         }
-        let likely = |half: Range<usize>| {
+        [0..self.starts, self.starts..self.times_s.len()].map(|half| {
             let times_s = &self.times_s[half.clone()];
             let step_s = times_s[1] - times_s[0];
             let most = probability[half.clone()].iter().copied().fold(0.0, f64::max);
-            let likely_times = || {
-                times_s.iter().zip(&probability[half.clone()]).filter(move |(_, p)| **p > NEGLIGIBLE * most)
-            };
-            let start_s = likely_times().next().map_or(times_s[0], |(s, _)| *s);
-            let end_s = likely_times().next_back().map_or(times_s[times_s.len() - 1], |(s, _)| *s);
+            let mut likely = times_s.iter().zip(&probability[half]).filter(|(_, p)| **p > NEGLIGIBLE * most);
+            let start_s = likely.clone().next().map_or(times_s[0], |(s, _)| *s);
+            let end_s = likely.next_back().map_or(times_s[times_s.len() - 1], |(s, _)| *s);
             [(start_s - step_s).max(bounds_s[0]), (end_s + step_s).min(bounds_s[1])]
-        };
-        [likely(0..self.starts), likely(self.starts..self.times_s.len())]
+        })
     }
 
     /// Mean and covariance, in modes.

@@ -85,17 +85,16 @@ fn a_sensor_without_noise_is_followed() {
 
 #[test]
 fn single_readings_beyond_a_hold_are_noise_and_several_in_a_row_are_motion() {
-    let hold_of = |gap: Range<usize>| {
-        (0..30).map(move |i| if gap.contains(&i) { None } else { Some(usize::from(i >= gap.end)) })
-    };
     let time_s: Vec<f64> = (0..30).map(|i| CELL_S * f64::from(i)).collect();
     let followed = |readings: &[f64]| {
         let mut read_m = vec![0.0; 10];
         read_m.extend_from_slice(readings);
         read_m.resize(30, 1.0);
-        let hold: Vec<Option<usize>> = hold_of(10..10 + readings.len()).collect();
+        let gap = 10..10 + readings.len();
+        let hold: Vec<Option<usize>> =
+            (0..30).map(|i| (!gap.contains(&i)).then_some(usize::from(i >= gap.end))).collect();
         let track = Track { time_s: &time_s, length_s: &[0.0; 30], read_m: &read_m, hold: &hold, sd_m: 0.01 };
-        course(&track, &[0.0, 1.0]).0[10..10 + readings.len()].to_vec()
+        course(&track, &[0.0, 1.0]).0[gap].to_vec()
     };
     let noisy = followed(&[0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.03, 1.0, 1.0, 1.0]);
     assert!(noisy[6] < 1.018, "{noisy:?}");
@@ -119,9 +118,10 @@ fn an_end_of_a_recording_is_followed_as_far_as_it_is_no_noise() {
         let track = Track { time_s: &time_s, length_s: &[0.0; 40], read_m: &read_m, hold: &hold, sd_m };
         let (positions_m, windows) = course(&track, &[0.0]);
         assert_eq!(windows.iter().map(|window| window.cells.clone()).collect::<Vec<_>>(), [0..25, 25..40]);
-        let square = |(a, b): (&f64, &f64)| (a - b).powi(2);
-        squares += positions_m.iter().zip(&truth_m).map(square).sum::<f64>();
-        of_readings += read_m.iter().zip(&truth_m).map(square).sum::<f64>();
+        for ((position_m, reading_m), truth_m) in positions_m.iter().zip(&read_m).zip(&truth_m) {
+            squares += (position_m - truth_m).powi(2);
+            of_readings += (reading_m - truth_m).powi(2);
+        }
     }
     assert!(squares < 0.4 * of_readings, "{}", squares / of_readings);
 }

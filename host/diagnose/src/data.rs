@@ -205,8 +205,9 @@ impl Run {
             ));
         }
         let mut cells = cells(run, &holds);
-        let most_m = |plane: usize| holds.iter().map(|h| h.displacement_m()[plane].abs()).fold(0.0, f64::max);
-        let axis = usize::from(most_m(1) > most_m(0));
+        let most_m: [f64; 2] =
+            [0, 1].map(|plane| holds.iter().map(|h| h.displacement_m()[plane].abs()).fold(0.0, f64::max));
+        let axis = usize::from(most_m[1] > most_m[0]);
         let stood_m = stood(&cells, holds.len());
         let idle_m = cells.read_m.each_ref().map(|read| read.iter().sum::<f64>() / read.len() as f64);
         let level_places: Vec<Place> = hold_places(&holds, axis, run.depth_m);
@@ -226,10 +227,8 @@ impl Run {
                 if usable.is_empty() {
                     continue;
                 }
-                let mean = |of: &dyn Fn(usize) -> f64| {
-                    usable.iter().map(|i| of(*i)).sum::<f64>() / usable.len() as f64
-                };
-                let time_s = mean(&|i| cells.time_s[i]);
+                let [time_s, level_m, force_n] = [&cells.time_s, &cells.read_m[axis], &cells.force_n[plane]]
+                    .map(|values| usable.iter().map(|i| values[*i]).sum::<f64>() / usable.len() as f64);
                 let hold = cells.hold[stretch.start];
                 // Readings on the way to a hold belong to it.
                 let next = cells.hold[stretch.start..].iter().flatten().next().copied();
@@ -238,11 +237,11 @@ impl Run {
                 cell_place.time_s = time_s - start_s;
                 cell_place.hold_s = hold.map(|_| time_s - holds[part_index].time_s[0]);
                 if hold.is_none() {
-                    cell_place.level_m = mean(&|i| cells.read_m[axis][i]);
+                    cell_place.level_m = level_m;
                 }
                 data.push(Datum {
                     channel: [Channel::ForceY, Channel::ForceX][plane],
-                    measured: mean(&|i| cells.force_n[plane][i]),
+                    measured: force_n,
                     source: Source::Force(usable),
                     place: cell_place,
                     part: part_index,
@@ -282,7 +281,7 @@ impl Run {
         let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &position_m));
         // A plane in which guide 2 stays where it is has nothing but noise in its readings.
         let travelled_m = [0, 1].map(|plane| {
-            if most_m(plane) <= IDLE_M {
+            if most_m[plane] <= IDLE_M {
                 return vec![idle_m[plane]; cells.time_s.len()];
             }
             let (positions_m, windows) = travelled(&cells, plane, &stood_m, sd_m[plane]);
@@ -388,14 +387,14 @@ impl Run {
         let Experiment::Insertion(insertion) = &self.experiment else { return false };
         let part_start_m = PART_M * part as f64;
         let cells = (PART_M / STEP_LENGTH_M).round() as usize;
-        let steps = |profile: &Profile, still: f64| {
+        let mut profiles = std::iter::once((&insertion.rotation_rad, ROTATION_STEP_RAD))
+            .chain(insertion.guide2_m.iter().flatten().map(|profile| (profile, IDLE_M)));
+        profiles.any(|(profile, still)| {
             (0..cells).any(|cell| {
                 let cell_m = part_start_m + STEP_LENGTH_M * cell as f64;
                 (profile.after(cell_m + STEP_LENGTH_M) - profile.before(cell_m)).abs() > still
             })
-        };
-        steps(&insertion.rotation_rad, ROTATION_STEP_RAD)
-            || insertion.guide2_m.iter().flatten().any(|profile| steps(profile, IDLE_M))
+        })
     }
 
     /// Places of the readings of each of its parts that has any.
@@ -449,11 +448,11 @@ fn speed(run: &InsertionRun) -> Option<f64> {
 
 fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
     // A mean's standard error from its own scatter; what moves by less has not moved.
-    let error_m = |hold: &Hold| {
+    let errors_m = holds.iter().map(|hold| {
         let mean = [Some(hold.displacement_y_m), hold.displacement_x_m][axis];
         mean.map_or(0.0, |mean| mean.standard_error(mean.scatter))
-    };
-    let reversal_m = reversal_of_means_m(&holds.iter().map(error_m).collect::<Vec<_>>());
+    });
+    let reversal_m = reversal_of_means_m(&errors_m.collect::<Vec<_>>());
     let mut extreme_m = 0.0;
     let mut direction = 0.0;
     holds

@@ -37,9 +37,9 @@ pub(super) fn is_determined(fitted: &Fitted, index: usize) -> bool {
             let scale = Scale::of(info);
             let half = NORMAL_975 * fitted.sd(first + number);
             let value = fitted.values()[first + number];
-            let [least, most] = info.range.map(|end| scale.inside(end));
+            let mut ends = info.range.map(|end| scale.inside(end)).into_iter();
             let neutral = scale.inside(info.neutral);
-            let is_inside = |end: f64| end == neutral || !(value - half..=value + half).contains(&end);
-            !info.nodes.is_empty() || (is_inside(least) && is_inside(most))
+            let is_inside = ends.all(|end| end == neutral || !(value - half..=value + half).contains(&end));
+            !info.nodes.is_empty() || is_inside
         })
 }

@@ -19,7 +19,7 @@ use super::data::{Datum, Kind, Run};
 use super::evidence::{Group, Patterns, RunPatterns};
 use super::layout::{Layout, Prepared};
 use mechanics::unknowns::{Family, SMALLER_SIZE_SD_LN, Unknown};
-use mechanics::{Cache, Channels, Experiment, Model, ModelError, predict_with};
+use mechanics::{Cache, Experiment, Model, ModelError, predict_with};
 use nalgebra::DMatrix;
 
 /// Scope of a group of patterns.
@@ -74,6 +74,53 @@ struct GroupPatterns {
 
 /// Patterns of one run.
 type Made = Result<Vec<Vec<f64>>, ModelError>;
+
+/// Groups of the patterns of one kind of run; other runs have none of them.
+struct Groups<'a> {
+    runs: &'a [Around<'a>],
+    kind: Kind,
+    list: Vec<GroupPatterns>,
+}
+
+impl<'a> Groups<'a> {
+    fn new(runs: &'a [Around<'a>], kind: Kind) -> Self {
+        Self { runs, kind, list: Vec::new() }
+    }
+
+    /// The runs that have the patterns.
+    fn around(&self) -> impl Iterator<Item = &'a Around<'a>> + use<'a> {
+        let kind = self.kind;
+        self.runs.iter().filter(move |around| around.run.kind == kind)
+    }
+
+    /// Adds a group from the patterns of each run.
+    fn add(
+        &mut self,
+        unknown: &Unknown,
+        scope: Scope,
+        cause: Cause,
+        mut made: impl FnMut(&Around<'_>) -> Made,
+    ) -> Result<(), ModelError> {
+        let mut of_runs = Vec::with_capacity(self.runs.len());
+        for around in self.runs {
+            of_runs.push(if around.run.kind == self.kind { made(around)? } else { Vec::new() });
+        }
+        self.list.push(GroupPatterns { group: group_of(unknown), scope, of_runs, cause });
+        Ok(())
+    }
+
+    /// The groups that show in any run.
+    fn shown(self) -> Vec<GroupPatterns> {
+        let mut list = self.list;
+        list.retain(|group| group.of_runs.iter().flatten().any(|pattern| shows(pattern)));
+        list
+    }
+}
+
+/// Whether a pattern changes any datum.
+fn shows(pattern: &[f64]) -> bool {
+    pattern.iter().any(|value| *value != 0.0)
+}
 
 /// A run around which patterns are made.
 struct Around<'a> {
@@ -133,16 +180,21 @@ fn sized(mut groups: Vec<GroupPatterns>, multiples: &Multiples) -> Vec<GroupPatt
 /// alone.
 fn remounted(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
     let mounted = groups.iter().filter(|group| group.cause.is_mounted());
-    let of_run = |(patterns, prepared): (&Vec<Vec<f64>>, &Prepared)| {
-        if prepared.run.is_reference { Vec::new() } else { patterns.clone() }
-    };
-    mounted
-        .map(|group| GroupPatterns {
-            group: Group { everyday: std::f64::consts::SQRT_2 * group.group.everyday, ..group.group.clone() },
-            of_runs: group.of_runs.iter().zip(runs).map(of_run).collect(),
+    let remounted = mounted.map(|group| {
+        let of_runs = group.of_runs.iter().zip(runs);
+        let of_runs = of_runs.map(
+            |(patterns, prepared)| {
+                if prepared.run.is_reference { Vec::new() } else { patterns.clone() }
+            },
+        );
+        let everyday = std::f64::consts::SQRT_2 * group.group.everyday;
+        GroupPatterns {
+            group: Group { everyday, ..group.group.clone() },
+            of_runs: of_runs.collect(),
             ..*group
-        })
-        .collect()
+        }
+    });
+    remounted.collect()
 }
 
 /// Those of the instruments and of differences between runs: what the misfit of held-out runs is measured against. `multiples` as for
@@ -162,40 +214,25 @@ pub(super) fn of_held_out(
 }
 
 fn groups(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Vec<GroupPatterns>, ModelError> {
-    let around_run = |prepared: &'_ Prepared| -> Result<_, ModelError> {
-        let model = layout.model_of(values, prepared.run.kind, prepared.run.is_reference)?;
-        let channels: Channels = predict_with(&model, &prepared.run.experiment, &layout.cache)?;
-        Ok((model, super::predicted::predicted(&prepared.run, &channels)))
-    };
-    let mut run_groups = Vec::with_capacity(runs.len());
-    for prepared in runs {
-        let (model, predicted) = around_run(prepared)?;
-        run_groups.push(Around { run: &prepared.run, model, predicted, cache: &layout.cache });
+    let mut around_runs = Vec::with_capacity(runs.len());
+    for Prepared { run, .. } in runs {
+        let model = layout.model_of(values, run.kind, run.is_reference)?;
+        let predicted =
+            super::predicted::predicted(run, &predict_with(&model, &run.experiment, &layout.cache)?);
+        around_runs.push(Around { run, model, predicted, cache: &layout.cache });
     }
     let mut groups = Vec::new();
-    if run_groups.iter().any(|around_run| around_run.run.kind == Kind::Lateral) {
-        groups.extend(lateral::groups(&run_groups)?);
+    if around_runs.iter().any(|around| around.run.kind == Kind::Lateral) {
+        groups.extend(lateral::groups(&around_runs)?);
     }
-    if run_groups.iter().any(|around_run| around_run.run.kind == Kind::Insertion) {
-        groups.extend(insertion::groups(&run_groups)?);
+    if around_runs.iter().any(|around| around.run.kind == Kind::Insertion) {
+        groups.extend(insertion::groups(&around_runs)?);
     }
     Ok(groups)
 }
 
 /// Whitens the patterns and sorts them into shared ones and those of each run.
 fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
-    let columns = |prepared: &Prepared, patterns: Vec<Vec<f64>>| {
-        let rows = prepared.run.data.len();
-        let mut matrix = DMatrix::zeros(rows, patterns.len());
-        for (mut column, mut pattern) in matrix.column_iter_mut().zip(patterns) {
-            if pattern.iter().any(|value| *value != 0.0) {
-                prepared.whitener.apply(&mut pattern);
-                column.copy_from_slice(&pattern);
-            }
-        }
-        matrix
-    };
-    let shows = |pattern: &Vec<f64>| pattern.iter().any(|value| *value != 0.0);
     // Patterns of every group that any run shows: the others, as of a plane that was not measured, have no amplitude to
     // be found.
     let groups_shown: Vec<Vec<usize>> = groups
@@ -203,7 +240,9 @@ fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
         .map(|group| {
             let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
             (0..count)
-                .filter(|j| group.of_runs.iter().any(|patterns| patterns.get(*j).is_some_and(shows)))
+                .filter(|j| {
+                    group.of_runs.iter().filter_map(|patterns| patterns.get(*j)).any(|one| shows(one))
+                })
                 .collect()
         })
         .collect();
@@ -212,7 +251,7 @@ fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
     for (number, (_, shown)) in shared.filter(|(_, (group, _))| group.scope == Scope::Shared) {
         shared_groups.extend(std::iter::repeat_n(number, shown.len()));
     }
-    let of_run = |(index, prepared): (usize, &Prepared)| {
+    let of_runs = runs.iter().enumerate().map(|(index, prepared)| {
         let rows = prepared.run.data.len();
         let (mut own_groups, mut own_columns, mut shared) = (Vec::new(), Vec::new(), Vec::new());
         for (number, (group, shown)) in groups.iter().zip(&groups_shown).enumerate() {
@@ -223,14 +262,25 @@ fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
                     own_groups.resize(own_columns.len(), number);
                 }
                 Scope::Shared => {
-                    let pattern_values =
-                        |j: &usize| patterns.get(*j).cloned().unwrap_or_else(|| vec![0.0; rows]);
-                    shared.extend(shown.iter().map(pattern_values));
+                    let patterns = shown.iter().map(|j| patterns.get(*j).cloned());
+                    shared.extend(patterns.map(|pattern| pattern.unwrap_or_else(|| vec![0.0; rows])));
                 }
             }
         }
         RunPatterns::new(own_groups, columns(prepared, own_columns), columns(prepared, shared))
-    };
-    let of_runs = runs.iter().enumerate().map(of_run).collect();
+    });
+    let of_runs = of_runs.collect();
     Patterns::new(groups.into_iter().map(|group| group.group).collect(), shared_groups, of_runs)
+}
+
+/// Whitened patterns of a run as a matrix.
+pub(super) fn columns(prepared: &Prepared, patterns: Vec<Vec<f64>>) -> DMatrix<f64> {
+    let mut matrix = DMatrix::zeros(prepared.run.data.len(), patterns.len());
+    for (mut column, mut pattern) in matrix.column_iter_mut().zip(patterns) {
+        if shows(&pattern) {
+            prepared.whitener.apply(&mut pattern);
+            column.copy_from_slice(&pattern);
+        }
+    }
+    matrix
 }

@@ -61,10 +61,6 @@ impl FoundEffect {
 
     /// Its probability, and that of its class where it is not the only explanation.
     pub fn probability_in_words(&self) -> String {
-        let percent = |probability: f64| match 100.0 * probability {
-            more if more > 99.9 => "> 99.9 %".to_owned(),
-            other => format!("{other:.1} %"),
-        };
         let number = self.class.iter().position(|id| *id == self.id);
         match number.and_then(|number| self.class_probability.get(number)) {
             Some(own) if self.class.len() > 1 => {
@@ -78,6 +74,14 @@ impl FoundEffect {
     pub fn competing_effects(&self) -> Vec<String> {
         let competitors = self.class.iter().zip(&self.class_probability).filter(|(id, _)| **id != self.id);
         competitors.map(|(id, probability)| format!("{id} ({:.0} %)", 100.0 * probability)).collect()
+    }
+}
+
+/// A probability in percent.
+fn percent(probability: f64) -> String {
+    match 100.0 * probability {
+        more if more > 99.9 => "> 99.9 %".to_owned(),
+        other => format!("{other:.1} %"),
     }
 }
 

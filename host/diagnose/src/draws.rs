@@ -88,24 +88,14 @@ impl<'a> Deviations<'a> {
     /// Adds the parameters of an effect under the names of their units.
     pub fn add_effect(&self, effect: &dyn Effect, draws: &mut Draws) {
         for (number, info) in effect.parameters().iter().enumerate() {
-            let [least, most] = info.range;
-            let value = |(pick, deviation): (&usize, &DVector<f64>), apart: f64| {
-                let (_, fitted) = self.models.get(*pick)?;
-                let index = fitted.layout.effects.iter().position(|own| own.id() == effect.id())?;
-                let first = fitted.layout.first_of(index) + number;
-                let inside_value = fitted.values().get(first)? + deviation.get(first)?;
-                let (_, [low, high]) = fitted.estimate(index, number);
-                // A depth between two readings is known no better than they are apart.
-                let sd = 0.5 * (high - low) / NORMAL_975;
-                let own_sd = Scale::of(info).outside(fitted.values().get(first)? + fitted.sd(first))
-                    - Scale::of(info).outside(*fitted.values().get(first)?);
-                let excess_sd = (sd * sd - own_sd * own_sd).max(0.0).sqrt();
-                let depth_shift = if info.name == "depth_mm" { excess_sd * apart } else { 0.0 };
-                Some((Scale::of(info).outside(inside_value) + depth_shift).clamp(least, most))
-            };
             let mut random = Random::new(self.options.seed, APART);
             let pairs = self.picks.iter().zip(&self.deviations);
-            let values = pairs.map(|pair| value(pair, random.normal()).unwrap_or(info.neutral)).collect();
+            let values = pairs.map(|(pick, deviation)| {
+                let deviate = random.normal();
+                let (_, fitted) = self.models.get(*pick)?;
+                value_of(fitted, deviation, effect, number, deviate)
+            });
+            let values = values.map(|value| value.unwrap_or(info.neutral)).collect();
             draws.scalar(Group::Posterior, &parameter_name(effect, info.name), values);
         }
     }
@@ -129,22 +119,18 @@ impl<'a> Deviations<'a> {
         let parameters = own.layout.parameters(own.values());
         let mut random = Random::new(self.options.seed, PRIOR);
         let count = self.options.count();
-        let mut draws_of = |parameter: &Parameter| -> Vec<f64> {
-            (0..count).map(|_| from_prior(parameter, &mut random)).collect()
-        };
         if let Some(first) = parameters.first() {
-            let values = draws_of(first).into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect();
-            draws.scalar(Group::Prior, modulus, values);
+            draws.scalar(Group::Prior, modulus, kpa(prior_draws(first, count, &mut random)));
         }
         if let Some(load) = own.layout.load().and_then(|place| parameters.get(place)) {
-            draws.scalar(Group::Prior, "tip_load_n", draws_of(load));
+            draws.scalar(Group::Prior, "tip_load_n", prior_draws(load, count, &mut random));
         }
         for (index, effect) in own.layout.effects.iter().enumerate() {
             for (number, info) in effect.parameters().iter().enumerate() {
                 if let Some(parameter) = parameters.get(own.layout.first_of(index) + number) {
                     let scale = Scale::of(info);
-                    let values =
-                        draws_of(parameter).into_iter().map(|inside| scale.outside(inside)).collect();
+                    let values = prior_draws(parameter, count, &mut random).into_iter();
+                    let values = values.map(|inside| scale.outside(inside)).collect();
                     draws.scalar(Group::Prior, &parameter_name(*effect, info.name), values);
                 }
             }
@@ -153,16 +139,39 @@ impl<'a> Deviations<'a> {
 
     /// Adds which model each draw has, and what the models are.
     fn add_models(&self, draws: &mut Draws) {
-        let name = |(number, (_, fitted)): (usize, &(f64, &Fitted))| {
+        let names = self.models.iter().enumerate().map(|(number, (_, fitted))| {
             let effects: Vec<&str> = fitted.layout.effects.iter().map(|effect| effect.id()).collect();
             let effects = if effects.is_empty() { "no effects".to_owned() } else { effects.join(" with ") };
             format!("{number}: {effects} on {}", fitted.layout.support.name())
-        };
-        let names: Vec<String> = self.models.iter().enumerate().map(name).collect();
-        draws.attribute("models", names.join("; "));
+        });
+        draws.attribute("models", names.collect::<Vec<_>>().join("; "));
         let model = self.picks.iter().map(|pick| *pick as f64).collect();
         draws.scalar(Group::Posterior, "model", model);
     }
+}
+
+/// Parameter of an effect in a draw, in its own unit; nothing where the model does not have the effect. `deviate` is a standard normal
+/// one of its own.
+fn value_of(
+    fitted: &Fitted,
+    deviation: &DVector<f64>,
+    effect: &dyn Effect,
+    number: usize,
+    deviate: f64,
+) -> Option<f64> {
+    let info = effect.parameters().get(number)?;
+    let index = fitted.layout.index_of(effect)?;
+    let first = fitted.layout.first_of(index) + number;
+    let inside_value = fitted.values().get(first)? + deviation.get(first)?;
+    let (_, [low, high]) = fitted.estimate(index, number);
+    // A depth between two readings is known no better than they are apart.
+    let sd = 0.5 * (high - low) / NORMAL_975;
+    let own_sd = Scale::of(info).outside(fitted.values().get(first)? + fitted.sd(first))
+        - Scale::of(info).outside(*fitted.values().get(first)?);
+    let excess_sd = (sd * sd - own_sd * own_sd).max(0.0).sqrt();
+    let depth_shift = if info.name == "depth_mm" { excess_sd * deviate } else { 0.0 };
+    let [least, most] = info.range;
+    Some((Scale::of(info).outside(inside_value) + depth_shift).clamp(least, most))
 }
 
 /// `tissue.skin.stiffness_n_per_mm`.
@@ -170,12 +179,20 @@ fn parameter_name(effect: &dyn Effect, parameter: &str) -> String {
     format!("{}.{parameter}", effect.id())
 }
 
+/// Moduli by their logarithms.
+fn kpa(ln_pa: Vec<f64>) -> Vec<f64> {
+    ln_pa.into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect()
+}
+
+fn prior_draws(parameter: &Parameter, count: usize, random: &mut Random) -> Vec<f64> {
+    (0..count).map(|_| from_prior(parameter, random)).collect()
+}
+
 /// From a normal prior within the range of the parameter.
 fn from_prior(parameter: &Parameter, random: &mut Random) -> f64 {
     let Some(prior) = parameter.prior else { return parameter.start };
-    let mut draw = || prior.mean + prior.sd * random.normal();
-    let drawn_value =
-        (0..MAX_TRIES).map(|_| draw()).find(|value| (parameter.least..=parameter.most).contains(value));
+    let mut drawn_values = (0..MAX_TRIES).map(|_| prior.mean + prior.sd * random.normal());
+    let drawn_value = drawn_values.find(|value| (parameter.least..=parameter.most).contains(value));
     drawn_value.unwrap_or_else(|| prior.mean.clamp(parameter.least, parameter.most))
 }
 
@@ -234,16 +251,15 @@ impl Sources<'_> {
         let deviations = Deviations::new(of_choice.iter().copied().chain(other_fits).collect(), options);
         let mut draws = Draws::new(options, "guide diagnose");
         deviations.add_models(&mut draws);
-        let is_body = |fitted: &Fitted| fitted.layout.support.is_body();
-        let kpa = |values: Vec<f64>| values.into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect::<Vec<_>>();
-        let k = deviations.of(APART, |fitted| match is_body(fitted) {
+        let is_body = chosen_fit.layout.support.is_body();
+        let k = deviations.of(APART, |fitted| match fitted.layout.support.is_body() {
             true => Linear::apart(plain.0, plain.1),
             false => self.ln_modulus(fitted),
         });
         draws.scalar(Group::Posterior, "k_kpa", kpa(k));
         // Young's modulus, and what only the models of the chosen foundation have, are given that foundation.
         let chosen = Deviations::new(of_choice, options);
-        if is_body(chosen_fit) {
+        if is_body {
             let youngs = chosen.of(APART, |fitted| self.ln_modulus(fitted));
             draws.scalar(Group::Posterior, "youngs_modulus_kpa", kpa(youngs));
         }
@@ -270,11 +286,7 @@ impl Sources<'_> {
             }
         }
         deviations.add_stated(chosen_fit, &mut draws);
-        deviations.add_prior(
-            chosen_fit,
-            if is_body(chosen_fit) { "youngs_modulus_kpa" } else { "k_kpa" },
-            &mut draws,
-        );
+        deviations.add_prior(chosen_fit, if is_body { "youngs_modulus_kpa" } else { "k_kpa" }, &mut draws);
         Readings { runs: self.runs, patterns: self.patterns }.add(&deviations, READINGS, &mut draws)?;
         Ok(draws)
     }

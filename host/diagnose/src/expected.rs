@@ -3,7 +3,6 @@
 //! fits of all effects to them give the expected gain of chi-square and the expected log evidence over the nearest
 //! competing effect.
 
-use super::evidence::Patterns;
 use super::layout::Layout;
 use super::noise::Noise;
 use super::posterior::{self, Fitted, MAX_ROUNDS};
@@ -73,14 +72,13 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
             .zip(expected_difference)
             .for_each(|(datum, expected_difference)| datum.measured -= expected_difference);
     }
-    let fit = |patterns: &Patterns, sizes: &[f64]| {
-        Fitted::new(&layout, &prepared, patterns, start.values(), sizes, MAX_ROUNDS).ok()
-    };
-    let plain = fit(&patterns, &start.sizes)?;
+    let plain = Fitted::new(&layout, &prepared, &patterns, start.values(), &start.sizes, MAX_ROUNDS).ok()?;
     // An effect that a rig's stated tolerances allow is not expected to be named.
     let tolerances = patterns.of_known_size();
     let everyday = tolerances.everyday();
-    let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
+    let beside_tolerances =
+        Fitted::new(&layout, &prepared, &tolerances, start.values(), &everyday, MAX_ROUNDS).ok()?;
+    let misfit = posterior::misfit(&tolerances, &everyday, &beside_tolerances.residuals)?;
     let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
     let plain_start = Start { runs: prepared, patterns, fitted: plain };
     let Start { runs: prepared, patterns, fitted: plain } = &plain_start;
@@ -89,18 +87,14 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let ranked = scores.ranked();
     let prior = ModelPrior::new(ranked.len(), 1);
     let candidates = search.weigh(plain, ranked, &prior);
-    let gain_of = |of_hidden: bool| {
-        candidates
-            .iter()
-            .filter(move |candidate| (candidate.id() == truth.effect) == of_hidden)
-            .filter_map(|candidate| {
-                let (_, gain) = candidate.refit.as_ref()?;
-                Some((*gain, candidate.id()))
-            })
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-    };
-    let one_sided_gain = gain_of(true).map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
-    let competitor = gain_of(false);
+    let gains = candidates.iter().filter_map(|candidate| {
+        let (_, gain) = candidate.refit.as_ref()?;
+        Some((*gain, candidate.id()))
+    });
+    let (of_hidden, of_others): (Vec<_>, Vec<_>) = gains.partition(|(_, id)| *id == truth.effect);
+    let [hidden_gain, competitor] =
+        [of_hidden, of_others].map(|gains| gains.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)));
+    let one_sided_gain = hidden_gain.map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
     // No effect at all competes too.
     let nearest = competitor.map_or(0.0, |(gain, _)| gain).max(0.0);
     Some(Expected {

@@ -134,21 +134,17 @@ impl Found {
     /// The models that were fitted around what was found, with the logarithms of their odds over it: itself, and those with one effect more.
     pub fn with_neighbours(&self) -> Vec<(f64, &Fitted)> {
         let candidates = if self.members.is_empty() { &self.first } else { &self.last };
-        let in_range = |candidate: &&Candidate| {
-            candidate.ln_odds > NO_WEIGHT
-                && candidate.refit.as_ref().is_some_and(|(fit, _)| !fit.at_bound.contains(&true))
-        };
-        let mut odds: Vec<(f64, Standing)> = candidates
-            .iter()
-            .filter(in_range)
-            .map(|candidate| (candidate.ln_odds, candidate.standing))
-            .collect();
+        let in_range = candidates.iter().filter_map(|candidate| {
+            let (fit, _) = candidate.refit.as_ref()?;
+            let is_in_range = candidate.ln_odds > NO_WEIGHT && !fit.at_bound.contains(&true);
+            is_in_range.then_some(((candidate.ln_odds, candidate.standing), fit))
+        });
+        let (mut odds, fits): (Vec<(f64, Standing)>, Vec<&Fitted>) = in_range.unzip();
         for standing in [Standing::Refused, Standing::Refuted] {
             let of_standing = odds.iter_mut().filter(|(_, odds_and_standing)| *odds_and_standing == standing);
             limit_refused(of_standing.map(|(ln, _)| ln), standing.most_ln_odds());
         }
-        let fits = candidates.iter().filter(in_range).filter_map(|candidate| candidate.refit.as_ref());
-        let neighbours = odds.into_iter().zip(fits).map(|((ln, _), (fit, _))| (ln, fit));
+        let neighbours = odds.into_iter().zip(fits).map(|((ln, _), fit)| (ln, fit));
         // A description is as likely as what was taken, as whatever else was refused.
         let described = self.described.iter().map(|fit| (0.0, fit));
         std::iter::once((0.0, &self.fitted)).chain(described).chain(neighbours).collect()
@@ -169,13 +165,12 @@ impl Found {
                 .ok()
                 .map(|fitted| fitted.over_sizes(&patterns))
         });
-        let is_near = |new: &Fitted| {
-            (0..old.values().len())
-                .all(|i| (new.values()[i] - old.values()[i]).abs() <= NEAR_SD * new.sd(i).max(old.sd(i)))
-        };
-        if let Some(new) = again.filter(|new| {
-            new.settled && !new.at_bound.contains(&true) && is_near(new) && judge.held_out_shrinks(start, new)
-        }) {
+        let nearby_fit = again.filter(|new| {
+            let is_near = (0..old.values().len())
+                .all(|i| (new.values()[i] - old.values()[i]).abs() <= NEAR_SD * new.sd(i).max(old.sd(i)));
+            new.settled && !new.at_bound.contains(&true) && is_near && judge.held_out_shrinks(start, new)
+        });
+        if let Some(new) = nearby_fit {
             self.fitted = new.with_evidence_of(old);
         } else {
             self.fitted = self.fitted.over_sizes(of_start);

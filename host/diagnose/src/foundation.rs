@@ -172,7 +172,7 @@ pub fn fit_with_discrepancy(
         fit_start(layout, &runs, &noises, input.given, input.discrepancy)
     })?;
     let mut drawn_of_body = None;
-    let mut evidence = |poisson: f64| -> Result<_, DiagnoseError> {
+    let body = input.body.map(|poisson| -> Result<_, DiagnoseError> {
         let body = springs.on(Support::Body { poisson, block: session.tissue.block() })?;
         let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
         let best = gain.max(0.0);
@@ -183,8 +183,7 @@ pub fn fit_with_discrepancy(
         drawn_of_body =
             input.draws.map(|draws| ModulusDraws::of(&body, "youngs_modulus_kpa", draws)).transpose()?;
         Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: modulus, varied })
-    };
-    let body = input.body.map(&mut evidence);
+    });
     let of_springs = input.draws.map(|draws| ModulusDraws::of(&springs, "k_kpa", draws)).transpose()?;
     let draws = of_springs.map(|of_springs| (of_springs, drawn_of_body));
     Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs), body, moved, draws })

@@ -7,7 +7,7 @@ use super::layout::{Layout, Scale};
 use super::posterior::Fitted;
 use super::start::Start;
 use formats::NORMAL_975;
-use formats::model_file::{LearnedEffect, ModelFile};
+use formats::model_file::ModelFile;
 use mechanics::effects::Effect;
 use readings::{FitError, Prior};
 use serde::Serialize;
@@ -37,23 +37,22 @@ pub struct KnownParameter {
 impl KnownParameter {
     /// All that a file states with an interval: that of a normal distribution.
     pub fn of_model(model: &ModelFile) -> Vec<Self> {
-        let of_effect = |learned: &LearnedEffect| {
+        let mut known_parameters = Vec::new();
+        for learned in &model.effects {
             let parameters = learned.effect.parameters().iter().zip(&learned.values).zip(&learned.ci95);
-            let id = learned.effect.id().to_owned();
-            let known_parameters = parameters.filter_map(move |((info, value), ci95)| {
+            known_parameters.extend(parameters.filter_map(|((info, value), ci95)| {
                 let [low, high] = (*ci95)?;
                 let sd = (high - low) / (2.0 * NORMAL_975);
                 let is_usable = sd > 0.0 && sd.is_finite();
                 is_usable.then(|| Self {
-                    effect: id.clone(),
+                    effect: learned.effect.id().to_owned(),
                     parameter: info.name.to_owned(),
                     value: *value,
                     sd,
                 })
-            });
-            known_parameters.collect::<Vec<_>>()
-        };
-        model.effects.iter().flat_map(of_effect).collect()
+            }));
+        }
+        known_parameters
     }
 
     /// Takes what is known of a rig into the effects of a model; values that are there already stay.
@@ -122,12 +121,12 @@ impl Display for Moved {
 
 /// Parameters that have changed from the known values to those of these runs, the clearest change first.
 pub fn moved_since(known: &[KnownParameter], found: &Characterisation) -> Vec<Moved> {
-    let moved_parameter = |known: &KnownParameter| {
+    let moved = known.iter().filter_map(|known| {
         let now = found.parameters.iter().find(|one| known.is_of(one.effect, one.parameter))?;
         // A parameter that the runs do not show keeps the prior's value.
         if now.is_identified() { known.moved_to(now.value, now.sd) } else { None }
-    };
-    sorted(known.iter().filter_map(moved_parameter).collect())
+    });
+    sorted(moved.collect())
 }
 
 /// A start without what the runs contradict.
@@ -188,7 +187,7 @@ pub(super) fn released(
 
 /// Known parameters that the runs contradict: their own estimate, the prior taken off, is too far from it.
 fn contradicted(fitted: &Fitted) -> Vec<KnownParameter> {
-    let is_contradicted = |known: &&KnownParameter| {
+    let contradicted = fitted.layout.known.iter().filter(|known| {
         let Some((parameter_index, scale)) = place(known, fitted) else { return false };
         let Prior { mean, sd } = known.prior(scale);
         let (value, precision) = (
@@ -201,8 +200,8 @@ fn contradicted(fitted: &Fitted) -> Vec<KnownParameter> {
             let estimate = (value * precision - mean * sd.powi(-2)) / data_precision;
             (estimate - mean).abs() > MOVED_SD * sd.hypot(data_precision.sqrt().recip())
         }
-    };
-    fitted.layout.known.iter().filter(is_contradicted).cloned().collect()
+    });
+    contradicted.cloned().collect()
 }
 
 /// Knowledge without some parameters.
@@ -212,14 +211,14 @@ fn without(known: &[KnownParameter], less: &[KnownParameter]) -> Arc<[KnownParam
 
 /// Values of contradicted parameters in a fit without their prior knowledge.
 fn moved(contradicted: &[KnownParameter], fitted: &Fitted) -> Vec<Moved> {
-    let moved_parameter = |known: &KnownParameter| {
+    let moved = contradicted.iter().filter_map(|known| {
         let (parameter_index, scale) = place(known, fitted)?;
         let inside_value = *fitted.values().get(parameter_index)?;
         let now = scale.outside(inside_value);
         let sd = (scale.outside(inside_value + fitted.sd(parameter_index)) - now).abs();
         known.moved_to(now, sd)
-    };
-    sorted(contradicted.iter().filter_map(moved_parameter).collect())
+    });
+    sorted(moved.collect())
 }
 
 /// Position of a known parameter among those of a fit.

@@ -149,6 +149,11 @@ impl Layout {
             && other.effects.iter().all(|effect| self.effects.iter().any(|own| own.id() == effect.id()))
     }
 
+    /// Place of an effect among those of the model.
+    pub fn index_of(&self, effect: &dyn Effect) -> Option<usize> {
+        self.effects.iter().position(|own| own.id() == effect.id())
+    }
+
     /// With one effect more.
     pub fn with(&self, effect: &'static dyn Effect) -> Self {
         let mut effects = self.effects.clone();
@@ -220,25 +225,30 @@ impl Layout {
 
     /// Positions of the parameters that belong to no effect, after the modulus.
     fn places(&self) -> Places {
-        let mut next = 0;
-        let mut next_place = |is_there: bool| {
-            next += usize::from(is_there);
-            is_there.then_some(next)
-        };
         let [lateral, insertion] = self.kinds;
-        let rigs = || [Some(&self.rig), self.reference.as_ref()].into_iter().flatten();
-        let is_unknown = |plane: usize| rigs().any(|rig| rig.rear_is_unknown_in(plane));
-        Places {
-            load: next_place(insertion),
-            across: next_place(insertion && self.rig.has_one_guide()),
-            apart: next_place(insertion && lateral),
-            rear: [next_place(is_unknown(0)), next_place(is_unknown(1))],
-            gap: [Some(&self.rig), self.reference.as_ref()]
-                .map(|rig| next_place(insertion && rig.is_some_and(Rig::has_one_guide))),
-            ratio: next_place(self.reference.is_some()),
-            guide2: next_place(self.is_unknown("rig.guide2_position")),
-            entry: next_place(self.is_unknown("rig.surface_position")),
-        }
+        let rigs = [Some(&self.rig), self.reference.as_ref()];
+        let rear = [0, 1].map(|plane| rigs.into_iter().flatten().any(|rig| rig.rear_is_unknown_in(plane)));
+        let gap = rigs.map(|rig| insertion && rig.is_some_and(Rig::has_one_guide));
+        let exists = [
+            insertion,
+            insertion && self.rig.has_one_guide(),
+            insertion && lateral,
+            rear[0],
+            rear[1],
+            gap[0],
+            gap[1],
+            self.reference.is_some(),
+            self.is_unknown("rig.guide2_position"),
+            self.is_unknown("rig.surface_position"),
+        ];
+        let mut last = 0;
+        let [load, cross_load, insertion, rear_y, rear_x, gap, reference_gap, ratio, guide2, entry] = exists
+            .map(|exists| {
+                last += usize::from(exists);
+                exists.then_some(last)
+            });
+        let (rear, gap) = ([rear_y, rear_x], [gap, reference_gap]);
+        Places { load, across: cross_load, apart: insertion, rear, gap, ratio, guide2, entry }
     }
 
     /// Logarithm of the density of the heavy-tailed priors at these values over that of the normal ones which stand for them in a fit
@@ -294,19 +304,6 @@ impl Layout {
 
     /// Parameters of a fit that starts from these values.
     pub fn parameters(&self, starts: &[f64]) -> Vec<Parameter> {
-        let bounded = |least: f64, most: f64, mean: f64, sd: f64, step: f64| Parameter {
-            start: 0.0,
-            step,
-            least,
-            most,
-            prior: Some(Prior { mean, sd }),
-        };
-        let assumed = |unknown: &Unknown, step: f64| {
-            let inside_value =
-                |value: f64| if unknown.prior.family == Family::LogNormal { value.ln() } else { value };
-            let [least, most] = unknown.range.map(inside_value);
-            bounded(least, most, inside_value(unknown.mean()), unknown.sd(), step)
-        };
         let mut parameters = vec![assumed(&tissue::MODULUS, 1e-4)];
         let Places { load, across, apart, rear, gap, ratio, .. } = self.places();
         let loads = [load, across].into_iter().flatten();
@@ -321,24 +318,24 @@ impl Layout {
         if ratio.is_some() {
             parameters.push(assumed(&tissue::REFERENCE_RATIO, 1e-4));
         }
-        let stated_places =
-            self.stated().map(|place| bounded(-OFFSET_M, OFFSET_M, 0.0, place.scale_m, OFFSET_STEP_M));
+        let stated_places = self.stated().map(|place| {
+            bounded([-OFFSET_M, OFFSET_M], Prior { mean: 0.0, sd: place.scale_m }, OFFSET_STEP_M)
+        });
         parameters.extend(stated_places);
-        let infos = |effect: &&'static dyn Effect| {
-            effect.parameters().iter().map(|info| (effect.id(), info)).collect::<Vec<_>>()
-        };
-        for (effect, info) in self.effects.iter().flat_map(infos) {
+        let infos =
+            self.effects.iter().flat_map(|effect| effect.parameters().iter().map(|info| (effect.id(), info)));
+        for (effect, info) in infos {
             let scale = Scale::of(info);
-            let [least, most] = info.range.map(|end| scale.inside(end));
+            let range = info.range.map(|end| scale.inside(end));
             let known_parameter = self.known.iter().find(|known| known.is_of(effect, info.name));
-            let Prior { mean, sd } =
+            let prior =
                 known_parameter.map_or_else(|| prior(info), |known_parameter| known_parameter.prior(scale));
             let step = match (scale, info.nodes.is_empty()) {
                 (Scale::Log, false) => 0.03,
                 (Scale::Log, true) => 1e-3,
                 (Scale::Linear, _) => 3e-3 * info.prior_sd,
             };
-            parameters.push(bounded(least, most, mean, sd, step));
+            parameters.push(bounded(range, prior, step));
         }
         for HeavyTailedParameter { parameter, center, prior } in self.heavy_tailed() {
             let value = starts.get(parameter).copied().unwrap_or(center);
@@ -384,7 +381,7 @@ impl Layout {
     /// Values of the effects' parameters in their own units.
     pub fn effect_values(&self, values: &[f64]) -> Vec<(&'static dyn Effect, Vec<f64>)> {
         let mut first_value = self.own();
-        let mut of_effect = |effect: &&'static dyn Effect| {
+        let effects = self.effects.iter().map(|effect| {
             let infos = effect.parameters();
             let outside_values = infos
                 .iter()
@@ -393,8 +390,8 @@ impl Layout {
                 .collect();
             first_value += infos.len();
             (*effect, outside_values)
-        };
-        self.effects.iter().map(&mut of_effect).collect()
+        });
+        effects.collect()
     }
 
     /// The model of these values for a kind of run.
@@ -411,35 +408,35 @@ impl Layout {
     /// [`ModelError::OutOfRange`] where a value is impossible.
     pub fn model_of(&self, values: &[f64], kind: Kind, is_reference: bool) -> Result<Model, ModelError> {
         let Places { load, across, apart, rear, gap, ratio, guide2, entry } = self.places();
-        let value_at = |place: Option<usize>| place.and_then(|place| values.get(place)).copied();
         let mut ln_modulus = values[0];
         if kind == Kind::Insertion {
-            ln_modulus += value_at(apart).unwrap_or_default();
+            ln_modulus += value_at(values, apart).unwrap_or_default();
         }
         let mut rig = match &self.reference {
             Some(rig) if is_reference => {
-                ln_modulus -= value_at(ratio).unwrap_or_default();
+                ln_modulus -= value_at(values, ratio).unwrap_or_default();
                 rig.clone()
             }
             _ => self.rig.clone(),
         };
-        if let Some(ln_gap) = value_at(gap[usize::from(is_reference)]) {
+        if let Some(ln_gap) = value_at(values, gap[usize::from(is_reference)]) {
             rig.entry_m = rig.guide2_m + (rig.entry_m - rig.guide2_m) * ln_gap.exp();
         }
-        rig.guide2_m += value_at(guide2).unwrap_or_default();
+        rig.guide2_m += value_at(values, guide2).unwrap_or_default();
         // In insertions the surface has a place of its own.
         if kind == Kind::Lateral {
-            rig.entry_m += value_at(entry).unwrap_or_default();
+            rig.entry_m += value_at(values, entry).unwrap_or_default();
         }
         rig.entry_m = rig.entry_m.max(rig.guide2_m);
         if let Guides::One { rear_rotation_n_m_per_rad } = &mut rig.guides {
             for (stiffness, place) in rear_rotation_n_m_per_rad.iter_mut().zip(rear) {
-                *stiffness = stiffness.or(value_at(place).map(|ln_compliance| (-ln_compliance).exp()));
+                *stiffness =
+                    stiffness.or(value_at(values, place).map(|ln_compliance| (-ln_compliance).exp()));
             }
         }
         let mut model = Model::on(rig, self.support, ln_modulus.exp())?;
-        if let Some(load_n) = value_at(load) {
-            model.tip = TipLaw::load([load_n, value_at(across).unwrap_or_default()]);
+        if let Some(load_n) = value_at(values, load) {
+            model.tip = TipLaw::load([load_n, value_at(values, across).unwrap_or_default()]);
         }
         model.effects = self.effect_values(values);
         if is_reference {
@@ -449,6 +446,25 @@ impl Layout {
         model.effects.sort_by_key(|(effect, _)| place_of(effect.id()));
         Ok(model)
     }
+}
+
+/// A parameter with a range and a prior.
+fn bounded([least, most]: [f64; 2], prior: Prior, step: f64) -> Parameter {
+    Parameter { start: 0.0, step, least, most, prior: Some(prior) }
+}
+
+/// The parameter of an entry of the table of unknowns; its logarithm where the prior is log-normal.
+fn assumed(unknown: &Unknown, step: f64) -> Parameter {
+    let [least, most] = unknown.range;
+    let ends = [least, most, unknown.mean()];
+    let is_logarithmic = unknown.prior.family == Family::LogNormal;
+    let [least, most, mean] = ends.map(|value| if is_logarithmic { value.ln() } else { value });
+    bounded([least, most], Prior { mean, sd: unknown.sd() }, step)
+}
+
+/// Value of a parameter that a session may not have.
+fn value_at(values: &[f64], place: Option<usize>) -> Option<f64> {
+    values.get(place?).copied()
 }
 
 /// Depths at which an insertion was measured, in order, each once.

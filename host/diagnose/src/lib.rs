@@ -110,7 +110,7 @@ use averaged::Averaged;
 use choice::{Choice, choose};
 use data::{Kind, Run};
 use formats::model_file::ModelFile;
-use formats::session::{LateralRun, Session};
+use formats::session::Session;
 use found::{Found, Member};
 use known::Released;
 use layout::{Layout, kinds};
@@ -288,9 +288,11 @@ fn workflow<T>(
     let disagreement = as_known.as_ref().map(Start::adequacy).transpose()?;
     let adequacy_before = start.adequacy()?;
     let compared = as_known.as_ref().unwrap_or(&start);
-    let regions = |of: &Start| regions(&of.fitted, &of.runs, &of.patterns);
-    let where_start = regions(&start)?;
-    let where_before = as_known.as_ref().map_or_else(|| Ok(where_start.clone()), regions)?;
+    let where_start = regions(&start.fitted, &start.runs, &start.patterns)?;
+    let where_before = match &as_known {
+        Some(known) => regions(&known.fitted, &known.runs, &known.patterns)?,
+        None => where_start.clone(),
+    };
     let where_left = adequacy::regions(&search_result.fitted, &start.runs, &start.patterns)?;
     let is_explained = !adequacy::has_regions_beyond_prior(&start.fitted, &start.runs, &start.patterns)?;
     let is_adequate = adequacy_before.is_adequate() && is_explained;
@@ -303,9 +305,10 @@ fn workflow<T>(
     // A misfit that the reference has too is no gap between them.
     let judged = gap_of_found.as_ref().filter(|_| options.reference.is_none());
     let verdict = verdict(&search_result, is_adequate, judged);
-    let is_large = || Remaining::of(&adequacy_before, &start, &patterns, None).size == RemainingSize::Large;
     // A misfit that moves the modulus beyond its interval is not usual, however smooth it is.
-    let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
+    let is_unexplained = verdict == Verdict::Adequate
+        && Remaining::of(&adequacy_before, &start, &patterns, None).size == RemainingSize::Large;
+    let verdict = if is_unexplained { Verdict::Unexplained } else { verdict };
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let final_fit = if is_named { &search_result.fitted } else { &start };
     let gap = if is_named { gap_of_found } else { judge.gap(&compared, final_fit, options.seed)? };
@@ -422,9 +425,8 @@ fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), Diag
     if session.lateral.is_empty() && session.insertion.is_empty() {
         return Err(DiagnoseError::NoRuns { path: session.dir.join("session.toml") });
     }
-    let is_used = |run: &&LateralRun| run.is_in_air() == air;
-    let lateral = session.lateral.iter().filter(is_used);
-    let lateral = lateral.map(|run| (&run.id, Run::lateral(run, &session.rig)));
+    let usable = session.lateral.iter().filter(|run| run.is_in_air() == air);
+    let lateral = usable.clone().map(|run| (&run.id, Run::lateral(run, &session.rig)));
     let insertion = session.insertion.iter().filter(|_| !air).map(|run| (&run.id, Run::insertion(run)));
     let (mut runs, mut warnings) = (Vec::new(), Vec::new());
     let criteria = readings::holds::HoldCriteria::default();
@@ -432,7 +434,7 @@ fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), Diag
         let air_runs = session.lateral.iter().filter(|run| run.is_in_air());
         warnings.extend(air_runs.map(|run| format!("run {} is skipped: {IN_AIR}", run.id)));
     }
-    for run in session.lateral.iter().filter(is_used) {
+    for run in usable {
         let unused = readings::holds::unused(run, &session.rig, &criteria);
         warnings
             .extend(readings::holds::summary(&unused).iter().map(|what| format!("run {}: {what}", run.id)));

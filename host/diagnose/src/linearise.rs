@@ -81,17 +81,16 @@ impl Linearisation {
                     .then(|| (column, amplitude(&one, score, information, slope)))
             })
             .collect();
-        let correlation = |i: usize, j: usize| {
-            let sds = (gram[(i, i)] * gram[(j, j)]).sqrt();
-            (PER_MILLE * gram[(i, j)] / sds).round().clamp(-PER_MILLE, PER_MILLE) as i16
-        };
-        let products_below = |row: usize| {
-            let (amplitude_entries, i) = (&amplitudes, amplitudes[row].0);
-            amplitude_entries[..row].iter().map(move |(j, _)| correlation(i, *j))
-        };
+        let mut correlation_per_mille = Vec::new();
+        for (row, (i, _)) in amplitudes.iter().enumerate() {
+            correlation_per_mille.extend(amplitudes[..row].iter().map(|(j, _)| {
+                let sds = (gram[(*i, *i)] * gram[(*j, *j)]).sqrt();
+                (PER_MILLE * gram[(*i, *j)] / sds).round().clamp(-PER_MILLE, PER_MILLE) as i16
+            }));
+        }
         Ok(Self {
             ln_modulus_pa: ln_modulus_pa(fitted),
-            correlation_per_mille: (0..amplitudes.len()).flat_map(products_below).collect(),
+            correlation_per_mille,
             amplitudes: amplitudes.iter().map(|(_, one)| one.clone()).collect(),
             log_evidence: scores
                 .ranked()

@@ -28,8 +28,8 @@ pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec
         let deviations: Vec<f64> = (&curve * coefficients).iter().zip(values_m).map(|(c, v)| v - c).collect();
         // If most values are rounded to the same, half of them are next to the curve whatever the noise is: their
         // median shows it once they are spread over what they are rounded from.
-        let spread_m = |i: usize| step_m * ((i as f64 * GOLDEN).fract() - 0.5);
-        let farthest_m = farthest(indices.iter().map(|i| deviations[*i] + spread_m(*i))).max(1e-6);
+        let spread = indices.iter().map(|i| deviations[*i] + step_m * ((*i as f64 * GOLDEN).fract() - 0.5));
+        let farthest_m = farthest(spread).max(1e-6);
         let next: Vec<bool> = deviations.iter().map(|deviations| deviations.abs() <= farthest_m).collect();
         if next == is_kept {
             break;
@@ -75,13 +75,15 @@ mod tests {
     #[test]
     fn the_step_is_found_of_printed_pixels_and_of_numbers_that_are_not_rounded() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut values = |step_m: f64| -> Vec<f64> {
-            let mut reading_m = |i: i32| 2e-3 * (f64::from(i) * 0.01).sin() + 2e-5 * normal(&mut random);
-            (0..800).map(|i| ((reading_m(i) / step_m).round() * step_m * 1e6).round() * 1e-6).collect()
-        };
-        let step = step_m(&values(51.28e-6));
-        assert!((step / 51.28e-6 - 1.0).abs() < 1e-3, "{step}");
-        assert!(step_m(&values(1e-6)) < 2e-6);
+        let [pixel_step_m, fine_step_m] = [51.28e-6, 1e-6].map(|true_step_m: f64| {
+            let readings_m =
+                (0..800).map(|i| 2e-3 * (f64::from(i) * 0.01).sin() + 2e-5 * normal(&mut random));
+            let printed_m =
+                readings_m.map(|m| ((m / true_step_m).round() * true_step_m * 1e6).round() * 1e-6);
+            step_m(&printed_m.collect::<Vec<f64>>())
+        });
+        assert!((pixel_step_m / 51.28e-6 - 1.0).abs() < 1e-3, "{pixel_step_m}");
+        assert!(fine_step_m < 2e-6);
         assert_eq!(step_m(&[0.0; 5]), 0.0);
         assert_eq!(step_m(&[]), 0.0);
     }
@@ -94,8 +96,9 @@ mod tests {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             // Most are in the pixel of the needle.
             let noise_m = [8e-6, 14e-6, 20e-6, 30e-6][seed as usize % 4];
-            let mut value = |_: &f64| ((12e-6 + noise_m * normal(&mut random)) / 51e-6).round() * 51e-6;
-            let mut values_m: Vec<f64> = z_m.iter().map(&mut value).collect();
+            let mut values_m: Vec<f64> = (0..z_m.len())
+                .map(|_| ((12e-6 + noise_m * normal(&mut random)) / 51e-6).round() * 51e-6)
+                .collect();
             values_m[30] += 255e-6;
             let of_all = without_misread(&z_m, &values_m, 51e-6);
             outlier_count += usize::from(!of_all[30]);

@@ -19,15 +19,18 @@ pub struct OtherModel {
 
 /// The effects of a model, and its alternatives; effects that are there already stay, in all of them.
 pub fn of_file(stated: &Effects, model: &ModelFile) -> (Effects, Vec<OtherModel>) {
-    let model_with = |of: &ModelFile| {
-        let is_new = |id: &str| stated.iter().all(|(own, _)| own.id() != id);
-        let new = of.effects().into_iter().filter(|(effect, _)| is_new(effect.id()));
-        stated.iter().cloned().chain(new).collect::<Effects>()
-    };
     let other_models = model.alternatives.iter().map(|other| OtherModel {
         probability: other.probability,
-        effects: model_with(&other.model),
+        effects: with_stated(stated, &other.model),
         modulus_pa: other.model.modulus_and_sd_pa(),
     });
-    (model_with(model), other_models.collect())
+    (with_stated(stated, model), other_models.collect())
+}
+
+/// Stated effects, and those of a model that are not stated.
+fn with_stated(stated: &Effects, model: &ModelFile) -> Effects {
+    let mut effects = stated.clone();
+    let learned = model.effects().into_iter();
+    effects.extend(learned.filter(|(effect, _)| stated.iter().all(|(own, _)| own.id() != effect.id())));
+    effects
 }

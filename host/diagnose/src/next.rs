@@ -76,8 +76,9 @@ pub(super) fn next_measurement(
         }
     }
     let greatest = ranked.iter().map(|(least, _)| *least).fold(MIN_DIVERGENCE, f64::max);
-    let is_best = |least: f64| least > MIN_DIVERGENCE && least >= (1.0 - SAME) * greatest;
-    let (divergence, Item { kind, what, .. }) = ranked.into_iter().find(|(least, _)| is_best(*least))?;
+    let mut best =
+        ranked.into_iter().filter(|(least, _)| *least > MIN_DIVERGENCE && *least >= (1.0 - SAME) * greatest);
+    let (divergence, Item { kind, what, .. }) = best.next()?;
     Some(NextMeasurement {
         kind: kind.to_owned(),
         what,
@@ -88,16 +89,16 @@ pub(super) fn next_measurement(
 
 /// Expected gain of chi-square of `a` over `b` where `a` is true and `b` adapts.
 fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Result<f64, ModelError> {
-    let readings_with = |layout: &Layout, values: &[f64]| readings(layout, values, planned, noise);
-    let expected = readings_with(&b.layout, b.values())?;
-    let difference = readings_with(&a.layout, a.values())? - &expected;
+    let expected = readings(&b.layout, b.values(), planned, noise)?;
+    let difference = readings(&a.layout, a.values(), planned, noise)? - &expected;
     let parameters = b.layout.parameters(b.values());
     let mut columns = Vec::new();
     for (index, parameter) in parameters.iter().enumerate() {
         let mut values = b.values().to_vec();
         let step_direction = if values[index] + parameter.step <= parameter.most { 1.0 } else { -1.0 };
         values[index] += step_direction * parameter.step;
-        columns.push((readings_with(&b.layout, &values)? - &expected) * (step_direction / parameter.step));
+        let moved = readings(&b.layout, &values, planned, noise)?;
+        columns.push((moved - &expected) * (step_direction / parameter.step));
     }
     let jacobian = DMatrix::from_columns(&columns);
     let prior = b.covariance.clone().try_inverse().ok_or(ModelError::Singular)?;
@@ -116,8 +117,8 @@ fn readings(
     let experiment = match planned {
         Planned::Weight => {
             let model = layout.model(values, Kind::Lateral)?;
-            let force_series = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
-            let mut channels = Channels { force_n: force_series(WEIGHT_N), ..Channels::default() };
+            let force_n = Series { y: vec![WEIGHT_N], x: Some(vec![0.0]) };
+            let mut channels = Channels { force_n, ..Channels::default() };
             let context = ObservationContext {
                 time_s: &[0.0],
                 commanded_m: [&[0.0], &[0.0]],
@@ -134,21 +135,17 @@ fn readings(
         }
         Planned::Distance(image) => {
             let model = layout.model(values, Kind::Lateral)?;
-            let [along_y, along_x] = image.along();
             // Both wires have the same offset: one at the origin takes it off.
-            let wire_positions = |along: f64| vec![0.0, DISTANCE_M * along];
-            let shape_m = Series { y: wire_positions(along_y), x: Some(wire_positions(along_x)) };
+            let [y, x] = image.along().map(|along| vec![0.0, DISTANCE_M * along]);
+            let shape_m = Series { y, x: Some(x) };
             let mut channels = Channels { shape_m, ..Channels::default() };
             let context = ObservationContext { images: &[Some(*image); 2], ..ObservationContext::default() };
             model.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
-            let wire_distance_m =
-                |wires_m: Vec<f64>| wires_m.windows(2).map(|pair| pair[1] - pair[0]).sum::<f64>();
             let sd_m = noise.shape.sd() * 2f64.sqrt();
             let Series { y, x } = channels.shape_m;
-            return Ok(DVector::from_vec(vec![
-                wire_distance_m(y) / sd_m,
-                wire_distance_m(x.unwrap_or_default()) / sd_m,
-            ]));
+            let distances = [y, x.unwrap_or_default()]
+                .map(|wires_m| wires_m.windows(2).map(|pair| pair[1] - pair[0]).sum::<f64>() / sd_m);
+            return Ok(DVector::from_column_slice(&distances));
         }
         Planned::Run(experiment) => experiment,
     };
@@ -170,152 +167,155 @@ fn readings(
 /// Possible measurements with the rig of a session: runs that are imaged as before, then with the probe otherwise, then
 /// without the needle.
 fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
-    let lateral = || runs.iter().filter(|run| run.kind == Kind::Lateral);
-    let insertions = || runs.iter().filter(|run| run.kind == Kind::Insertion);
+    let (lateral, insertions): (Vec<&Run>, Vec<&Run>) =
+        runs.iter().partition(|run| run.kind == Kind::Lateral);
     let mut items = Vec::new();
-    if lateral().next().is_some() {
-        let mut depths_m: Vec<f64> = lateral().map(|run| run.depth_m).collect();
-        depths_m.sort_by(f64::total_cmp);
-        let (least_m, most_m) = (depths_m[0], depths_m[depths_m.len() - 1]);
-        let middle_m = depths_m[depths_m.len() / 2];
-        let level_m =
-            lateral().flat_map(|run| &run.data).map(|d| d.place.level_m.abs()).fold(0.2e-3, f64::max);
-        let level_m = 1e-4 * (level_m / 1e-4).round();
-        let axis = lateral().next().map_or(0, |run| run.axis);
-        let stairs = [0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, 0.0];
-        let mut add = |kind, what: String, run: Staircase| {
-            items.push(Item { kind, what, planned: Planned::Run(run.experiment(entry_m)) });
-        };
-        let image = lateral().find_map(Run::image);
-        let plain = Staircase {
-            depth_m: middle_m,
-            axis,
-            level_m,
-            levels: &stairs,
-            hold_s: 3.0,
-            speed_m_per_s: 1e-3,
-            image,
-        };
-        let mm = |m: f64| 1e3 * m;
-        let name = ["y", "x"];
-        add(
-            "another_depth",
-            format!("a staircase to {:.1} mm at {:.0} mm depth", mm(level_m), mm(most_m + OTHER_M)),
-            Staircase { depth_m: most_m + OTHER_M, ..plain },
-        );
-        if least_m - OTHER_M >= MIN_M {
-            add(
-                "another_depth",
-                format!("a staircase to {:.1} mm at {:.0} mm depth", mm(level_m), mm(least_m - OTHER_M)),
-                Staircase { depth_m: least_m - OTHER_M, ..plain },
-            );
-        }
-        add(
-            "larger_level",
-            format!("a staircase to {:.1} mm at {:.0} mm depth", mm(2.0 * level_m), mm(middle_m)),
-            Staircase { level_m: 2.0 * level_m, ..plain },
-        );
-        add(
-            "unloading",
-            format!(
-                "a staircase up and down on both sides, to {:.1} mm at {:.0} mm depth",
-                mm(level_m),
-                mm(middle_m)
-            ),
-            plain,
-        );
-        let other_axis = name[1 - axis];
-        add(
-            "other_axis",
-            format!(
-                "a staircase along {other_axis} to {:.1} mm at {:.0} mm depth",
-                mm(level_m),
-                mm(middle_m)
-            ),
-            Staircase { axis: 1 - axis, ..plain },
-        );
-        add(
-            "shape_at_rest",
-            format!("a sweep of the shape at rest at {:.0} mm depth", mm(most_m)),
-            Staircase { depth_m: most_m, levels: &[0.0], ..plain },
-        );
-        add(
-            "longer_hold",
-            format!("a hold of 30 s at {:.1} mm, {:.0} mm depth", mm(level_m), mm(middle_m)),
-            Staircase { levels: &[0.0, 1.0, 0.0], hold_s: 30.0, ..plain },
-        );
-        add(
-            "faster_ramp",
-            format!("ramps of 10 mm/s to {:.1} mm at {:.0} mm depth", mm(level_m), mm(middle_m)),
-            Staircase { speed_m_per_s: 10e-3, ..plain },
-        );
-        if let Some(image) = image {
-            let rotated_image = ShapeImage { beam_rad: image.beam_rad + FRAC_PI_2, ..image };
-            add(
-                "probe_turned",
-                format!(
-                    "a staircase to {:.1} mm at {:.0} mm depth with the probe turned by 90 degrees about the needle",
-                    mm(level_m),
-                    mm(middle_m)
-                ),
-                Staircase { image: Some(rotated_image), ..plain },
-            );
-            let backward_image = ShapeImage { probe_m_per_s: -image.probe_m_per_s, ..image };
-            add(
-                "sweep_back",
-                format!(
-                    "a staircase to {:.1} mm at {:.0} mm depth with sweeps in the other direction",
-                    mm(level_m),
-                    mm(middle_m)
-                ),
-                Staircase { image: Some(backward_image), ..plain },
-            );
-            items.push(Item {
-                kind: "known_distance",
-                what: format!(
-                    "two wires {:.0} mm apart along the beam, imaged in the tissue",
-                    mm(DISTANCE_M)
-                ),
-                planned: Planned::Distance(image),
-            });
-        }
-        items.push(Item {
-            kind: "known_weight",
-            what: format!("a known weight of {WEIGHT_N:.0} N on the force sensor, without the needle"),
-            planned: Planned::Weight,
-        });
+    if !lateral.is_empty() {
+        items.extend(lateral_items(&lateral, entry_m));
     }
-    let deepest_m = insertions().map(|run| run.depth_m).fold(0.1, f64::max);
-    let speed = insertions().map(|run| run.speed_m_per_s).fold(0.0, f64::max).max(2e-3);
-    let insertion = |depth_m: f64, speed_m_per_s: f64, turn_m: Option<f64>| {
-        let knots = turn_m.map(|m| vec![[m, 0.0], [m, std::f64::consts::PI]]).unwrap_or_default();
-        Planned::Run(Experiment::Insertion(Insertion {
-            depth_m: (1..=(depth_m / SPACING_M) as usize).map(|i| i as f64 * SPACING_M).collect(),
-            rotation_rad: Profile::new(knots).unwrap_or_default(),
-            guide2_m: Some(Default::default()),
-            speed_m_per_s: Profile::constant(speed_m_per_s),
-            ..Insertion::default()
-        }))
-    };
-    if insertions().next().is_some() {
-        let mm = |m: f64| 1e3 * m;
-        items.push(Item {
-            kind: "insertion_speed",
-            what: format!("an insertion to {:.0} mm at {:.0} mm/s", mm(deepest_m), mm(3.0 * speed)),
-            planned: insertion(deepest_m, 3.0 * speed, None),
-        });
-        items.push(Item {
-            kind: "insertion_turned",
-            what: format!("an insertion to {:.0} mm, turned by 180 degrees at half of it", mm(deepest_m)),
-            planned: insertion(deepest_m, speed, Some(0.5 * deepest_m)),
-        });
-        items.push(Item {
-            kind: "insertion_deeper",
-            what: format!("an insertion to {:.0} mm", mm(deepest_m + 3.0 * OTHER_M)),
-            planned: insertion(deepest_m + 3.0 * OTHER_M, speed, None),
-        });
+    if !insertions.is_empty() {
+        items.extend(insertion_items(&insertions));
     }
     items
+}
+
+/// Staircases like the lateral runs of a session, and measurements of their sensors.
+fn lateral_items(lateral: &[&Run], entry_m: f64) -> Vec<Item> {
+    let mut depths_m: Vec<f64> = lateral.iter().map(|run| run.depth_m).collect();
+    depths_m.sort_by(f64::total_cmp);
+    let (least_m, most_m) = (depths_m[0], depths_m[depths_m.len() - 1]);
+    let middle_m = depths_m[depths_m.len() / 2];
+    let levels_m = lateral.iter().flat_map(|run| &run.data).map(|d| d.place.level_m.abs());
+    let level_m = 1e-4 * (levels_m.fold(0.2e-3, f64::max) / 1e-4).round();
+    let axis = lateral.first().map_or(0, |run| run.axis);
+    let image = lateral.iter().find_map(|run| run.image());
+    let plain = Staircase {
+        depth_m: middle_m,
+        axis,
+        level_m,
+        levels: &[0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, 0.0],
+        hold_s: 3.0,
+        speed_m_per_s: 1e-3,
+        image,
+    };
+    let (level_mm, middle_mm, most_mm) = (1e3 * level_m, 1e3 * middle_m, 1e3 * most_m);
+    let mut staircases = vec![(
+        "another_depth",
+        format!("a staircase to {level_mm:.1} mm at {:.0} mm depth", 1e3 * (most_m + OTHER_M)),
+        Staircase { depth_m: most_m + OTHER_M, ..plain },
+    )];
+    if least_m - OTHER_M >= MIN_M {
+        staircases.push((
+            "another_depth",
+            format!("a staircase to {level_mm:.1} mm at {:.0} mm depth", 1e3 * (least_m - OTHER_M)),
+            Staircase { depth_m: least_m - OTHER_M, ..plain },
+        ));
+    }
+    let other_axis = ["y", "x"][1 - axis];
+    staircases.extend([
+        (
+            "larger_level",
+            format!("a staircase to {:.1} mm at {middle_mm:.0} mm depth", 1e3 * (2.0 * level_m)),
+            Staircase { level_m: 2.0 * level_m, ..plain },
+        ),
+        (
+            "unloading",
+            format!("a staircase up and down on both sides, to {level_mm:.1} mm at {middle_mm:.0} mm depth"),
+            plain,
+        ),
+        (
+            "other_axis",
+            format!("a staircase along {other_axis} to {level_mm:.1} mm at {middle_mm:.0} mm depth"),
+            Staircase { axis: 1 - axis, ..plain },
+        ),
+        (
+            "shape_at_rest",
+            format!("a sweep of the shape at rest at {most_mm:.0} mm depth"),
+            Staircase { depth_m: most_m, levels: &[0.0], ..plain },
+        ),
+        (
+            "longer_hold",
+            format!("a hold of 30 s at {level_mm:.1} mm, {middle_mm:.0} mm depth"),
+            Staircase { levels: &[0.0, 1.0, 0.0], hold_s: 30.0, ..plain },
+        ),
+        (
+            "faster_ramp",
+            format!("ramps of 10 mm/s to {level_mm:.1} mm at {middle_mm:.0} mm depth"),
+            Staircase { speed_m_per_s: 10e-3, ..plain },
+        ),
+    ]);
+    if let Some(image) = image {
+        let rotated_image = ShapeImage { beam_rad: image.beam_rad + FRAC_PI_2, ..image };
+        let backward_image = ShapeImage { probe_m_per_s: -image.probe_m_per_s, ..image };
+        staircases.extend([
+            (
+                "probe_turned",
+                format!(
+                    "a staircase to {level_mm:.1} mm at {middle_mm:.0} mm depth with the probe turned by 90 degrees about the needle"
+                ),
+                Staircase { image: Some(rotated_image), ..plain },
+            ),
+            (
+                "sweep_back",
+                format!(
+                    "a staircase to {level_mm:.1} mm at {middle_mm:.0} mm depth with sweeps in the other direction"
+                ),
+                Staircase { image: Some(backward_image), ..plain },
+            ),
+        ]);
+    }
+    let runs = staircases.into_iter().map(|(kind, what, run)| Item {
+        kind,
+        what,
+        planned: Planned::Run(run.experiment(entry_m)),
+    });
+    let wires = image.map(|image| Item {
+        kind: "known_distance",
+        what: format!("two wires {:.0} mm apart along the beam, imaged in the tissue", 1e3 * DISTANCE_M),
+        planned: Planned::Distance(image),
+    });
+    let weight = Item {
+        kind: "known_weight",
+        what: format!("a known weight of {WEIGHT_N:.0} N on the force sensor, without the needle"),
+        planned: Planned::Weight,
+    };
+    runs.chain(wires).chain([weight]).collect()
+}
+
+/// Insertions that differ from those of a session in speed, rotation or depth.
+fn insertion_items(insertions: &[&Run]) -> [Item; 3] {
+    let deepest_m = insertions.iter().map(|run| run.depth_m).fold(0.1, f64::max);
+    let speed = insertions.iter().map(|run| run.speed_m_per_s).fold(0.0, f64::max).max(2e-3);
+    let (deepest_mm, farther_m) = (1e3 * deepest_m, deepest_m + 3.0 * OTHER_M);
+    [
+        Item {
+            kind: "insertion_speed",
+            what: format!("an insertion to {deepest_mm:.0} mm at {:.0} mm/s", 1e3 * (3.0 * speed)),
+            planned: insertion(deepest_m, 3.0 * speed, None),
+        },
+        Item {
+            kind: "insertion_turned",
+            what: format!("an insertion to {deepest_mm:.0} mm, turned by 180 degrees at half of it"),
+            planned: insertion(deepest_m, speed, Some(0.5 * deepest_m)),
+        },
+        Item {
+            kind: "insertion_deeper",
+            what: format!("an insertion to {:.0} mm", 1e3 * farther_m),
+            planned: insertion(farther_m, speed, None),
+        },
+    ]
+}
+
+/// A planned insertion, turned by half a turn at a depth.
+fn insertion(depth_m: f64, speed_m_per_s: f64, turn_m: Option<f64>) -> Planned {
+    let knots = turn_m.map(|m| vec![[m, 0.0], [m, std::f64::consts::PI]]).unwrap_or_default();
+    Planned::Run(Experiment::Insertion(Insertion {
+        depth_m: (1..=(depth_m / SPACING_M) as usize).map(|i| i as f64 * SPACING_M).collect(),
+        rotation_rad: Profile::new(knots).unwrap_or_default(),
+        guide2_m: Some(Default::default()),
+        speed_m_per_s: Profile::constant(speed_m_per_s),
+        ..Insertion::default()
+    }))
 }
 
 /// A staircase with sweeps in all holds.
@@ -333,26 +333,28 @@ struct Staircase<'a> {
 }
 
 impl Staircase<'_> {
+    /// Guide 2 at a position along the axis.
+    fn sample(&self, time_s: f64, position_m: f64) -> DriveSample {
+        let [y_m, x_m] = if self.axis == 0 { [position_m, 0.0] } else { [0.0, position_m] };
+        DriveSample { time_s, y_m, x_m }
+    }
+
     fn experiment(&self, entry_m: f64) -> Experiment {
         let step_s = 1.0 / RATE_HZ;
         let mut drive = Vec::new();
         let mut shape = Vec::new();
         let (mut time_s, mut position_m) = (0.0, 0.0);
-        let mut sample = |time_s: f64, position_m: f64| {
-            let [y_m, x_m] = if self.axis == 0 { [position_m, 0.0] } else { [0.0, position_m] };
-            drive.push(DriveSample { time_s, y_m, x_m });
-        };
         for level in self.levels {
             let target_m = level * self.level_m;
             while (target_m - position_m).abs() > 1e-9 {
                 let most_m = self.speed_m_per_s * step_s;
                 position_m += (target_m - position_m).clamp(-most_m, most_m);
-                sample(time_s, position_m);
+                drive.push(self.sample(time_s, position_m));
                 time_s += step_s;
             }
             let samples = (self.hold_s * RATE_HZ) as usize;
             for _ in 0..samples {
-                sample(time_s, position_m);
+                drive.push(self.sample(time_s, position_m));
                 time_s += step_s;
             }
             let sweep_s = time_s - 0.5 * self.hold_s;

@@ -8,7 +8,7 @@
 //! estimate of cells, in which the readings of a fast sensor are averaged: a statement is compared with the scatter of cells
 //! and that within them together.
 
-use super::cells::{Cells, Scatter};
+use super::cells::Scatter;
 use super::data::{Channel, Kind, Run, Source};
 use super::misread::polynomials;
 use formats::session::Noise as Stated;
@@ -116,11 +116,11 @@ impl Noise {
     pub fn with_disagreements(runs: &[Run], stated: &Stated) -> (Self, Vec<String>) {
         let scatter = scatter(runs);
         let [force, displacement, shape, tip, direction] = scatter;
-        let over_runs = |of: fn(&Cells) -> Scatter| {
-            runs.iter().map(|run| of(&run.cells)).fold(Scatter::default(), Scatter::with)
-        };
-        let force_cells = over_runs(|cells| cells.force_scatter);
-        let displacement_cells = over_runs(|cells| cells.displacement_scatter);
+        let (mut force_cells, mut displacement_cells) = (Scatter::default(), Scatter::default());
+        for run in runs {
+            force_cells = force_cells.with(run.cells.force_scatter);
+            displacement_cells = displacement_cells.with(run.cells.displacement_scatter);
+        }
         // Points at one place are one datum, their mean; what is stated is that of a point.
         let points = points_of_a_datum(runs).sqrt();
         let noise = Self {
@@ -150,15 +150,15 @@ impl Noise {
             [stated.force_n, stated.displacement_m, stated.shape_m, stated.tip_m, stated.tip_direction_rad];
         let scatter = scatter.map(|sensor: Option<Sensor>| sensor.map(|sensor| sensor.sd()));
         let [force, displacement, shape, tip, direction] = scatter;
-        let of_reading = |sd: f64, cells: Scatter| sd.hypot(cells.within_cells().sqrt());
         let scatter = [
-            force.map(|sd_n| of_reading(sd_n, force_cells)),
-            displacement.map(|sd_m| of_reading(sd_m, displacement_cells)),
+            force.map(|sd_n| sd_n.hypot(force_cells.within_cells().sqrt())),
+            displacement.map(|sd_m| sd_m.hypot(displacement_cells.within_cells().sqrt())),
             shape.map(|sd_m| sd_m * points),
             tip,
             direction,
         ];
-        let disagreement = |((name, unit, per_si), scatter, stated): (_, Option<f64>, Option<f64>)| {
+        let sensor_scatter = SENSORS.into_iter().zip(scatter).zip(stated);
+        let disagreements = sensor_scatter.filter_map(|(((name, unit, per_si), scatter), stated)| {
             let (scatter_si, stated): (f64, f64) = (per_si * scatter?, per_si * stated?);
             let times = if scatter_si > stated { scatter_si / stated } else { stated / scatter_si };
             let warning = format!(
@@ -171,21 +171,16 @@ impl Noise {
                     "{warning}: the difference is treated as an error that is constant within a hold or a sweep"
                 )),
             }
-        };
-        let sensor_scatter = SENSORS.into_iter().zip(scatter).zip(stated);
-        (
-            noise,
-            sensor_scatter
-                .filter_map(|((sensor, scatter), stated)| disagreement((sensor, scatter, stated)))
-                .collect(),
-        )
+        });
+        (noise, disagreements.collect())
     }
 }
 
 /// Points of a shape in a datum, on average.
 fn points_of_a_datum(runs: &[Run]) -> f64 {
-    let shapes = || runs.iter().flat_map(|run| &run.data).filter(|d| matches!(d.source, Source::Shape(_)));
-    shapes().map(|datum| datum.points).sum::<usize>().max(1) as f64 / shapes().count().max(1) as f64
+    let shapes = runs.iter().flat_map(|run| &run.data).filter(|d| matches!(d.source, Source::Shape(_)));
+    let (points, count) = shapes.fold((0, 0), |(points, count), datum| (points + datum.points, count + 1));
+    points.max(1) as f64 / count.max(1) as f64
 }
 
 /// Names of the sensors, their units and how many of them SI has.
@@ -201,14 +196,13 @@ const SENSORS: [(&str, &str, f64); 5] = [
 fn scatter(runs: &[Run]) -> [Option<Sensor>; 5] {
     let force = holds(runs, |run, plane, i| run.cells.force_n[plane][i]);
     let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
-    let lines = |channels| without_repeats(lines(runs, channels), LINE_DEGREE);
-    [
-        estimate(&force, 2),
-        estimate(&displacement, 1),
-        estimate(&lines([Channel::ShapeY, Channel::ShapeX]), LINE_DEGREE),
-        estimate(&lines([Channel::TipY, Channel::TipX]), LINE_DEGREE),
-        estimate(&lines([Channel::TipDirectionY, Channel::TipDirectionX]), LINE_DEGREE),
+    let [shape, tip, direction] = [
+        [Channel::ShapeY, Channel::ShapeX],
+        [Channel::TipY, Channel::TipX],
+        [Channel::TipDirectionY, Channel::TipDirectionX],
     ]
+    .map(|channels| estimate(&without_repeats(lines(runs, channels), LINE_DEGREE), LINE_DEGREE));
+    [estimate(&force, 2), estimate(&displacement, 1), shape, tip, direction]
 }
 
 /// Takes off what segments of the same channel at the same places have in common beside a low polynomial. The rest is scaled to the
@@ -318,12 +312,10 @@ fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
     let mut segments = Vec::new();
     for run in runs {
         for channel in channels {
-            let of_channel = |part: usize| {
-                let data = run.data.iter().filter(move |d| d.channel == channel && d.part == part);
-                data.take(MAX_READINGS).map(|d| (d.place.depth_m, d.measured))
-            };
             for part in (0..run.parts()).filter(|part| !run.turns_in(*part)) {
-                let (times, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
+                let data = run.data.iter().filter(|d| d.channel == channel && d.part == part);
+                let (times, values): (Vec<f64>, Vec<f64>) =
+                    data.take(MAX_READINGS).map(|d| (d.place.depth_m, d.measured)).unzip();
                 segments.push(Segment { channel: Some(channel), at: times, values });
             }
         }
@@ -382,9 +374,9 @@ impl Segment {
 
     /// Whether another one has its readings at the same distances.
     fn is_like(&self, other: &Self, spacing: f64) -> bool {
-        let elapsed = |segment: &Self, i: usize| segment.at[i] - segment.at[0];
+        let mut pairs = self.at.iter().zip(&other.at);
         self.at.len() == other.at.len()
-            && (0..self.at.len()).all(|i| (elapsed(self, i) - elapsed(other, i)).abs() < 0.05 * spacing)
+            && pairs.all(|(a, b)| ((a - self.at[0]) - (b - other.at[0])).abs() < 0.05 * spacing)
     }
 }
 

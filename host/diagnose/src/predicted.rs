@@ -5,24 +5,25 @@ use mechanics::Channels;
 
 /// Expected data of a run, in SI, in their order.
 pub(super) fn predicted(run: &Run, channels: &Channels) -> Vec<f64> {
-    let datum_value = |datum: &Datum| {
-        let plane = datum.channel.plane();
-        let values = |series: &mechanics::Series, index: usize| match plane {
-            0 => series.y.get(index).copied(),
-            _ => series.x.as_ref().and_then(|x| x.get(index)).copied(),
-        };
-        let value = match &datum.source {
-            Source::Force(cells) => {
-                let sum: Option<f64> = cells.iter().map(|i| values(&channels.force_n, *i)).sum();
-                sum.map(|sum| sum / cells.len() as f64)
-            }
-            Source::Shape(index) => values(&channels.shape_m, *index),
-            Source::Tip(index) => values(&channels.tip_m, *index),
-            Source::Direction(index) => values(&channels.tip_direction_rad, *index),
-        };
-        value.unwrap_or(f64::NAN)
+    run.data.iter().map(|datum| value(datum, channels).unwrap_or(f64::NAN)).collect()
+}
+
+/// Expected value of a datum; nothing where the prediction does not have it.
+fn value(datum: &Datum, channels: &Channels) -> Option<f64> {
+    let series = match datum.source {
+        Source::Force(_) => &channels.force_n,
+        Source::Shape(_) => &channels.shape_m,
+        Source::Tip(_) => &channels.tip_m,
+        Source::Direction(_) => &channels.tip_direction_rad,
     };
-    run.data.iter().map(datum_value).collect()
+    let in_plane = if datum.channel.plane() == 0 { &series.y } else { series.x.as_ref()? };
+    match &datum.source {
+        Source::Force(cells) => {
+            let sum: Option<f64> = cells.iter().map(|i| in_plane.get(*i).copied()).sum();
+            Some(sum? / cells.len() as f64)
+        }
+        Source::Shape(index) | Source::Tip(index) | Source::Direction(index) => in_plane.get(*index).copied(),
+    }
 }
 
 /// Measured less predicted, in SI, in the order of the run's data.

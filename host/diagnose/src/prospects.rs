@@ -123,15 +123,15 @@ impl Known<'_> {
     fn models(&self) -> Result<Models<'_>, FitError> {
         let base = self.averaged.own();
         let fits = self.averaged.fits();
-        let is_fitted = |effect: &&'static dyn Effect| {
-            let has = |fit: &Fitted| fit.layout.effects.iter().any(|one| one.id() == effect.id());
-            fits.iter().any(|(_, fit)| has(fit))
-        };
-        let names: Vec<&'static dyn Effect> = all().into_iter().filter(|effect| !is_fitted(effect)).collect();
+        let names = all().into_iter().filter(|effect| {
+            let mut fitted_effects = fits.iter().flat_map(|(_, fit)| &fit.layout.effects);
+            fitted_effects.all(|fitted| fitted.id() != effect.id())
+        });
+        let names: Vec<&'static dyn Effect> = names.collect();
         let directions = Directions::of(&names, base, self.runs);
         let unseen = Scores::along(directions.clone(), base, self.patterns)?.unseen();
-        let is_base = |fit: &Fitted| fit.layout.has_effects_of(&base.layout);
-        let of_base: f64 = fits.iter().filter(|(_, fit)| is_base(fit)).map(|(weight, _)| weight).sum();
+        let of_base = fits.iter().filter(|(_, fit)| fit.layout.has_effects_of(&base.layout));
+        let of_base: f64 = of_base.map(|(weight, _)| weight).sum();
         // The prior probability that one of the names is missing equals that of none, whether the runs so far can show
         // it or not.
         let prior = of_base / all().len() as f64;
@@ -168,48 +168,36 @@ impl Known<'_> {
         let base_with_run = foreseen.with(base).ok_or(FitError::Undetermined)?;
         // A model that makes the planned run impossible (a needle that buckles) is no ground to plan it: it predicts what the base does.
         let fits: Vec<Option<Fitted>> = models.fits.iter().map(|(_, fit)| foreseen.with(fit)).collect();
-        let expected = |fit: &Fitted| self.expected(&foreseen, fit);
-        let of_base = expected(&base_with_run).ok_or(FitError::Undetermined)?;
-        let means: Vec<DVector<f64>> =
-            fits.iter().map(|fit| fit.as_ref().and_then(expected).unwrap_or(of_base.clone())).collect();
-        let count = fits.len();
-        let of_fit = |(fit, mean): (&Option<Fitted>, &DVector<f64>)| {
+        let of_base = self.expected(&foreseen, &base_with_run).ok_or(FitError::Undetermined)?;
+        let means = fits.iter().map(|fit| self.expected(&foreseen, fit.as_ref()?));
+        let means: Vec<DVector<f64>> = means.map(|mean| mean.unwrap_or(of_base.clone())).collect();
+        let squares = fits.iter().zip(&means).map(|(fit, mean)| {
             let squares = fit.as_ref().and_then(|fit| self.distances(&foreseen, fit, mean, &means));
-            squares.unwrap_or(vec![0.0; count])
-        };
-        let squares: Vec<Vec<f64>> = fits.iter().zip(&means).map(of_fit).collect();
+            squares.unwrap_or(vec![0.0; fits.len()])
+        });
+        let squares: Vec<Vec<f64>> = squares.collect();
         let sizes = self.sizes(base, &foreseen.patterns);
         let mut at_sizes = base_with_run.clone();
         at_sizes.sizes.clone_from(&sizes);
         let directions = models.directions.clone().with_run(base, &foreseen.run, &foreseen.here);
         let unseen_after = Scores::along(directions, &at_sizes, &foreseen.patterns)?.unseen();
         // Two normal distributions, one of which is wider along one direction.
-        let wider = |((_, before), after): (&(f64, Unseen), &Unseen)| {
+        let unseen = models.unseen.iter().zip(&unseen_after).map(|((_, before), after)| {
             let ratio = (before.variance / after.variance - 1.0).max(0.0);
             0.5 * ((1.0 + 0.5 * ratio) / (1.0 + ratio).sqrt()).ln()
-        };
-        let unseen: Vec<f64> = models.unseen.iter().zip(&unseen_after).map(wider).collect();
+        });
         let base_number =
             models.fits.iter().position(|(_, fit)| fit.layout.has_effects_of(&base.layout)).unwrap_or(0);
-        let fit_distance = |i: usize, j: usize| {
-            let square =
-                |i: usize, j: usize| squares.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0.0);
-            (square(i, j) + square(j, i)) / 16.0
-        };
-        let distance = |i: usize, j: usize| match (i < count, j < count) {
-            (true, true) => fit_distance(i, j),
-            // An unseen effect lies beside the base, in a direction of its own.
-            (true, false) => unseen[j - count] + fit_distance(i, base_number),
-            (false, true) => unseen[i - count] + fit_distance(j, base_number),
-            (false, false) if i == j => 0.0,
-            (false, false) => unseen[i - count] + unseen[j - count],
-        };
+        let distances = Distances { squares, unseen: unseen.collect(), base_number };
         let of_unseen = models.unseen.iter().map(|(weight, _)| *weight);
         let weights: Vec<f64> = models.fits.iter().map(|(weight, _)| *weight).chain(of_unseen).collect();
         let gains: Vec<f64> = (0..weights.len())
             .map(|i| {
-                let mixed: f64 =
-                    weights.iter().enumerate().map(|(j, weight)| weight * (-distance(i, j)).exp()).sum();
+                let mixed: f64 = weights
+                    .iter()
+                    .enumerate()
+                    .map(|(j, weight)| weight * (-distances.between(i, j)).exp())
+                    .sum();
                 // Models that are not counted have what is left of the probability.
                 if weights[i] > 0.0 { -weights[i] * (mixed / weights.iter().sum::<f64>()).ln() } else { 0.0 }
             })
@@ -266,6 +254,34 @@ impl Known<'_> {
                 size.unwrap_or(group.everyday)
             })
             .collect()
+    }
+}
+
+/// Bhattacharyya's distances between what models expect of a planned run: those of fits, then those of unseen effects.
+struct Distances {
+    /// Squares of the differences between what fits expect, over the variances of the first one.
+    squares: Vec<Vec<f64>>,
+    unseen: Vec<f64>,
+    base_number: usize,
+}
+
+impl Distances {
+    fn between_fits(&self, i: usize, j: usize) -> f64 {
+        let [square, reverse] = [(i, j), (j, i)]
+            .map(|(i, j)| self.squares.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0.0));
+        (square + reverse) / 16.0
+    }
+
+    fn between(&self, i: usize, j: usize) -> f64 {
+        let count = self.squares.len();
+        match (i < count, j < count) {
+            (true, true) => self.between_fits(i, j),
+            // An unseen effect lies beside the base, in a direction of its own.
+            (true, false) => self.unseen[j - count] + self.between_fits(i, self.base_number),
+            (false, true) => self.unseen[i - count] + self.between_fits(j, self.base_number),
+            (false, false) if i == j => 0.0,
+            (false, false) => self.unseen[i - count] + self.unseen[j - count],
+        }
     }
 }
 

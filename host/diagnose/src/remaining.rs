@@ -70,12 +70,10 @@ mod tests {
             let (start, _) = start_of(&session_on(&truth, &background, &design, seed));
             let (fitted, patterns) = (&start.fitted, &start.patterns);
             let change = fitted.change_without_discrepancy(patterns).expect("a change");
-            let sd_of = |sizes: &[f64]| {
-                fitted.sd_of_change_without_discrepancy(patterns, sizes).expect("a standard deviation")
-            };
-            let sd = sd_of(&patterns.everyday());
+            let [sd, sd_without] = [patterns.everyday(), vec![0.0; patterns.groups.len()]]
+                .map(|sizes| fitted.sd_of_change_without_discrepancy(patterns, &sizes).expect("an sd"));
             // Without imperfections both estimates are the same.
-            assert!(sd_of(&vec![0.0; patterns.groups.len()]) < 1e-3 * sd);
+            assert!(sd_without < 1e-3 * sd);
             squares += (change / sd).powi(2);
         }
         let mean_square = squares / SEEDS as f64;

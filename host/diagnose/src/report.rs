@@ -20,10 +20,10 @@ use super::weights::{ln_sum, stated_ln_odds};
 use super::{Options, next};
 use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::Session;
-use mechanics::effects::{Effect, effect};
+use mechanics::effects::effect;
 use mechanics::{Experiment, Profile, Support};
 use readings::FitError;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Leaders that are reported where nothing is named.
 const PARTIAL: usize = 3;
@@ -241,7 +241,7 @@ impl DiagnosisReport<'_> {
 
     /// The effects of the starting model as the final fit has them.
     fn given_effects(&self, final_fit: &Fitted) -> Vec<FoundEffect> {
-        let given_effect = |(index, (effect, _)): (usize, &(&'static dyn Effect, Vec<f64>))| {
+        let given_effects = self.options.given.iter().enumerate().map(|(index, (effect, _))| {
             let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
                 let (value, ci95) = final_fit.estimate(index, number);
                 (info.name.to_owned(), Estimate { value, ci95 })
@@ -255,8 +255,8 @@ impl DiagnosisReport<'_> {
                 class_probability: vec![1.0],
                 formula: None,
             }
-        };
-        self.options.given.iter().enumerate().map(given_effect).collect()
+        });
+        given_effects.collect()
     }
 
     fn noise_result(&self) -> BTreeMap<String, f64> {
@@ -280,18 +280,15 @@ impl DiagnosisReport<'_> {
 
     /// Effects that were not named for want of a little evidence, best first.
     fn near_margin(&self) -> Vec<&Candidate> {
+        let candidates = match self.verdict {
+            Verdict::Adequate | Verdict::Unexplained => &self.found.first,
+            Verdict::Named | Verdict::Ambiguous => &self.found.last,
+        };
         // A candidate that is as unlikely as the complement of the stated set is not reported.
-        let is_near_margin = |candidate: &&Candidate| {
+        let near_margin = candidates.iter().filter(|candidate| {
             candidate.standing == Standing::Possible && candidate.ln_odds.abs() <= stated_ln_odds()
-        };
-        let mut candidates: Vec<&Candidate> = match self.verdict {
-            Verdict::Adequate | Verdict::Unexplained => {
-                self.found.first.iter().filter(is_near_margin).collect()
-            }
-            Verdict::Named | Verdict::Ambiguous => self.found.last.iter().filter(is_near_margin).collect(),
-        };
-        candidates.truncate(PARTIAL);
-        candidates
+        });
+        near_margin.take(PARTIAL).collect()
     }
 
     /// Effect that explains the runs about as well on the foundation that was not chosen.
@@ -373,8 +370,8 @@ impl DiagnosisReport<'_> {
             );
         }
         if !lateral.is_empty() {
-            let depths = |m: &Run| (m.depth_m / 1e-3).round() as i64;
-            if lateral.iter().all(|run| depths(run) == depths(lateral[0])) {
+            let depths_mm = lateral.iter().map(|run| (run.depth_m / 1e-3).round() as i64);
+            if depths_mm.collect::<BTreeSet<i64>>().len() == 1 {
                 limits.push("all lateral runs are at one depth: what varies with depth is hard to identify; take two more depths".to_owned());
             }
             if lateral.iter().all(|run| run.axis == lateral[0].axis) {
@@ -394,7 +391,7 @@ impl DiagnosisReport<'_> {
 }
 
 /// Probability at odds of which this is the logarithm.
-fn probability(ln_odds: f64) -> f64 {
+pub(super) fn probability(ln_odds: f64) -> f64 {
     (1.0 + (-ln_odds).exp()).recip()
 }
 
@@ -409,18 +406,17 @@ fn guide2_rests(run: &Run) -> bool {
 impl Diagnosis {
     /// The model with what was added, as a file has it.
     pub fn model(&self) -> ModelFile {
-        let pa = |kpa: f64| 1e3 * kpa;
         let effects = self.given_effects.iter().chain(&self.effects);
         // A modulus that is not identifiable is nothing that was learned.
         let is_identified = self.k_status == ModulusStatus::Identified;
         let youngs = self.foundation.youngs_modulus_kpa.filter(|_| is_identified);
         ModelFile {
             learned_from: self.session.clone(),
-            modulus_pa: is_identified.then_some(pa(self.k_kpa)),
-            modulus_ci95_pa: is_identified.then_some(self.k_ci95_kpa.map(pa)),
+            modulus_pa: is_identified.then_some(1e3 * self.k_kpa),
+            modulus_ci95_pa: is_identified.then_some(self.k_ci95_kpa.map(|kpa| 1e3 * kpa)),
             support: self.foundation.poisson.filter(|_| is_identified).map(Support::half_space),
-            youngs_pa: youngs.map(|found| pa(found.value)),
-            youngs_ci95_pa: youngs.map(|found| found.ci95.map(pa)),
+            youngs_pa: youngs.map(|found| 1e3 * found.value),
+            youngs_ci95_pa: youngs.map(|found| found.ci95.map(|kpa| 1e3 * kpa)),
             tip_load_n: self.tip_load_n,
             tip_load_ci95_n: self.tip_load_ci95_n,
             discrepancy: self.multiples.clone(),

@@ -42,17 +42,17 @@ pub(super) fn patterns(run: &Run, noise: &Noise, model: &Model) -> Result<Vec<Ve
         return Ok(Vec::new());
     }
     let expected = predicted(run, &predict(model, &run.experiment)?);
-    let pattern = |(plane, sd_m, per_m): (usize, f64, f64), of: fn(f64) -> f64| -> Vec<f64> {
-        run.data
-            .iter()
-            .zip(&expected)
-            .map(|(datum, expected_m)| match datum.source {
-                Source::Shape(_) if datum.channel.plane() == plane => sd_m * of(per_m * expected_m),
+    let mut patterns = Vec::with_capacity(2 * sized.len());
+    for (plane, sd_m, per_m) in sized {
+        for wave in [f64::sin, f64::cos] {
+            let values = run.data.iter().zip(&expected).map(|(datum, expected_m)| match datum.source {
+                Source::Shape(_) if datum.channel.plane() == plane => sd_m * wave(per_m * expected_m),
                 _ => 0.0,
-            })
-            .collect()
-    };
-    Ok(sized.into_iter().flat_map(|error| [pattern(error, f64::sin), pattern(error, f64::cos)]).collect())
+            });
+            patterns.push(values.collect());
+        }
+    }
+    Ok(patterns)
 }
 
 #[cfg(test)]

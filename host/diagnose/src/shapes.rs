@@ -45,21 +45,15 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
         hold.shape.iter().copied().filter(|i| run.shape.z_m[*i] <= tip_m + BEYOND_M).collect();
     indices.sort_by(|a, b| run.shape.z_m[*a].total_cmp(&run.shape.z_m[*b]));
     let z_m: Vec<f64> = indices.iter().map(|i| run.shape.z_m[*i].min(tip_m)).collect();
-    let time_s =
-        |index: usize| run.shape.time_s.as_ref().map_or(middle_s, |times_s| hold.observed_s(times_s[index]));
+    let times_s = run.shape.time_s.as_ref();
+    let times_s = indices.iter().map(|i| times_s.map_or(middle_s, |times_s| hold.observed_s(times_s[*i])));
+    let times_s: Vec<f64> = times_s.collect();
     // Forth and back a lag of the images is the other way round.
-    let probe_direction =
-        |index: usize| run.shape.image(index).map(|image| image.probe_m_per_s.total_cmp(&0.0));
-    let directions: Vec<_> = indices.iter().map(|index| probe_direction(*index)).collect();
+    let directions: Vec<_> = indices
+        .iter()
+        .map(|index| run.shape.image(*index).map(|image| image.probe_m_per_s.total_cmp(&0.0)))
+        .collect();
     let groups = places(&z_m, &directions);
-    let mean = |members: &[usize], of: &dyn Fn(usize) -> f64| {
-        members.iter().map(|member| of(*member)).sum::<f64>() / members.len() as f64
-    };
-    let mean_point = |members: &Vec<usize>| ShapePoint {
-        time_s: mean(members, &|member| time_s(indices[member])),
-        z_m: mean(members, &|member| z_m[member]),
-        image: run.shape.image(indices[members[0]]),
-    };
     let mut means = Vec::new();
     for (plane, column) in [Some(&run.shape.y_m), run.shape.x_m.as_ref()].into_iter().enumerate() {
         let Some(column) = column else { continue };
@@ -68,42 +62,54 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
         for (mean_point, members) in groups.iter().enumerate() {
             let members: Vec<usize> = members.iter().copied().filter(|member| kept_points[*member]).collect();
             if !members.is_empty() {
-                let deflection_m = mean(&members, &|member| values[member]);
+                let deflection_m = mean(&values, &members);
                 means.push(PlaceMean { plane, place: mean_point, deflection_m, points: members.len() });
             }
         }
     }
+    let mean_points = groups.iter().map(|members| ShapePoint {
+        time_s: mean(&times_s, members),
+        z_m: mean(&z_m, members),
+        image: run.shape.image(indices[members[0]]),
+    });
     HoldShape {
-        places: groups.iter().map(mean_point).collect(),
+        places: mean_points.collect(),
         indices: groups.iter().map(|members| indices[members[0]]).collect(),
         means,
     }
 }
 
+/// Mean of some of the values.
+fn mean(values: &[f64], members: &[usize]) -> f64 {
+    members.iter().map(|member| values[*member]).sum::<f64>() / members.len() as f64
+}
+
 /// Points at the same place that were imaged on the same way, in the order of the first of each; `z_m` increases.
 fn places<W: Ord + Copy>(z_m: &[f64], ways: &[W]) -> Vec<Vec<usize>> {
-    let joined = |width_m: f64| {
-        let mut place_groups: Vec<Vec<usize>> = Vec::new();
-        let mut last: BTreeMap<W, usize> = BTreeMap::new();
-        for (number, (at_m, way)) in z_m.iter().zip(ways).enumerate() {
-            let open = last.get(way).filter(|place| at_m - z_m[place_groups[**place][0]] <= width_m);
-            match open {
-                Some(place) => place_groups[*place].push(number),
-                None => {
-                    last.insert(*way, place_groups.len());
-                    place_groups.push(vec![number]);
-                }
-            }
-        }
-        place_groups
-    };
-    let same_place = joined(SAME_PLACE_M);
+    let same_place = joined(z_m, ways, SAME_PLACE_M);
     if same_place.len() <= MAX_PLACES {
         return same_place;
     }
     let length_m = z_m.last().zip(z_m.first()).map_or(0.0, |(last, first)| last - first);
     let direction_count = ways.iter().collect::<std::collections::BTreeSet<_>>().len();
-    joined(length_m * direction_count as f64 / MAX_PLACES as f64)
+    joined(z_m, ways, length_m * direction_count as f64 / MAX_PLACES as f64)
+}
+
+/// Points on the same way that are within a width of the first of them.
+fn joined<W: Ord + Copy>(z_m: &[f64], ways: &[W], width_m: f64) -> Vec<Vec<usize>> {
+    let mut place_groups: Vec<Vec<usize>> = Vec::new();
+    let mut last: BTreeMap<W, usize> = BTreeMap::new();
+    for (number, (at_m, way)) in z_m.iter().zip(ways).enumerate() {
+        let open = last.get(way).filter(|place| at_m - z_m[place_groups[**place][0]] <= width_m);
+        match open {
+            Some(place) => place_groups[*place].push(number),
+            None => {
+                last.insert(*way, place_groups.len());
+                place_groups.push(vec![number]);
+            }
+        }
+    }
+    place_groups
 }
 
 #[cfg(test)]

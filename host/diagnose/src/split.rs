@@ -47,24 +47,20 @@ const DRAWS: usize = 1000;
 /// holds, or by intervals of depth. Lateral runs along each axis are a kind of their own: what acts in one plane alone can be confirmed only
 /// by what was held out in that plane.
 pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
-    let has_axis = |axis: usize| runs.iter().any(|run| run.kind == Kind::Lateral && run.axis == axis);
-    let lateral = if has_axis(0) && has_axis(1) {
-        ["lateral runs along y", "lateral runs along x"]
-    } else {
-        ["lateral runs"; 2]
-    };
     let numbered: Vec<(usize, Run)> = runs.into_iter().enumerate().collect();
-    let runs_of_kind = |kind: Kind, axis: Option<usize>| -> Vec<&(usize, Run)> {
-        numbered
-            .iter()
-            .filter(|(_, run)| run.kind == kind && axis.is_none_or(|axis| run.axis == axis))
-            .collect()
+    let (lateral, insertions): (Vec<&(usize, Run)>, Vec<_>) =
+        numbered.iter().partition(|(_, run)| run.kind == Kind::Lateral);
+    let (along_y, along_x): (Vec<&(usize, Run)>, Vec<_>) =
+        lateral.into_iter().partition(|(_, run)| run.axis == 0);
+    let [name_y, name_x] = if along_y.is_empty() || along_x.is_empty() {
+        ["lateral runs"; 2]
+    } else {
+        ["lateral runs along y", "lateral runs along x"]
     };
     let mut divided = Divided::default();
-    for (axis, name) in lateral.into_iter().enumerate() {
-        divided.add(&runs_of_kind(Kind::Lateral, Some(axis)), Kind::Lateral, name);
-    }
-    divided.add(&runs_of_kind(Kind::Insertion, None), Kind::Insertion, "insertions");
+    divided.add(&along_y, Kind::Lateral, name_y);
+    divided.add(&along_x, Kind::Lateral, name_x);
+    divided.add(&insertions, Kind::Insertion, "insertions");
     let Divided { training, held_out, rules } = divided;
     // Insertions after all lateral runs; those of a kind in their order, which is that of time.
     let [training, held_out] = [training, held_out].map(|mut runs| {
@@ -116,10 +112,9 @@ impl Divided {
         };
         for (place, (number, run)) in runs.iter().enumerate() {
             // Not the same level in every run.
-            let is_held = |part_kind: usize| (part_kind + place) % EVERY == EVERY / 2;
-            let held_run = run.with_parts(is_held);
+            let held_run = run.with_parts(|part| (part + place) % EVERY == EVERY / 2);
             // A part without shape determines little of what the rest of the run does; but it is never learned from.
-            self.training.push((*number, run.with_parts(|part_kind| !is_held(part_kind))));
+            self.training.push((*number, run.with_parts(|part| (part + place) % EVERY != EVERY / 2)));
             if !held_run.data.is_empty() {
                 self.held_out.push((*number, held_run));
             }
@@ -243,15 +238,16 @@ impl Judge {
     /// Misfit of what was held out in runs of these kinds to the physics of a fit, beside noise and instruments; nothing where nothing is held
     /// out. No pattern is in runs of both kinds.
     pub fn held_out_misfit_in(&self, fitted: &Fitted, kinds: RunKinds) -> Option<f64> {
-        let counts = |run: &Prepared| match run.run.kind {
-            Kind::Lateral => kinds.lateral,
-            Kind::Insertion => kinds.insertion,
-        };
-        if !self.runs.iter().any(counts) {
+        let counted: Vec<bool> = self
+            .runs
+            .iter()
+            .map(|run| if run.run.kind == Kind::Lateral { kinds.lateral } else { kinds.insertion })
+            .collect();
+        if !counted.contains(&true) {
             return None;
         }
         let mut residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
-        let other_residuals = residuals.iter_mut().zip(&self.runs).filter(|(_, run)| !counts(run));
+        let other_residuals = residuals.iter_mut().zip(&counted).filter(|(_, is_counted)| !**is_counted);
         other_residuals.for_each(|(residuals, _)| residuals.fill(0.0));
         posterior::misfit(&self.patterns, &self.patterns.everyday(), &residuals)
     }
@@ -290,12 +286,12 @@ impl Judge {
     /// Sizes of a fit, for the groups of all imperfections; a group that the training runs alone do not show has its everyday one.
     fn sizes_of(&self, fitted: &Fitted) -> Vec<f64> {
         let mut sizes = self.imperfections.everyday();
-        let mut known: Vec<(&str, f64)> =
+        let mut fitted_sizes: Vec<(&str, f64)> =
             self.fitted_groups.iter().copied().zip(fitted.sizes.iter().copied()).collect();
         for (size, group) in sizes.iter_mut().zip(&self.imperfections.groups) {
             // Beside a reference two groups have one name, in the same order.
-            if let Some(place) = known.iter().position(|(name, _)| *name == group.name) {
-                *size = known.remove(place).1;
+            if let Some(index) = fitted_sizes.iter().position(|(name, _)| *name == group.name) {
+                *size = fitted_sizes.remove(index).1;
             }
         }
         sizes
@@ -331,30 +327,20 @@ impl Judge {
         }
         let sides = [self.tally(before)?, self.tally(after)?];
         let points = points(&self.runs, &sides);
-        let [misfit_before, misfit_after] = sides;
-        let removed = |parts: &mut dyn Iterator<Item = usize>| -> Option<f64> {
-            let (mut b, mut a, mut n) = (0.0, 0.0, 0.0);
-            for part in parts {
-                b += misfit_before.parts[part].0;
-                a += misfit_after.parts[part].0;
-                n += misfit_before.parts[part].1 as f64;
-            }
-            // Only a gap that is more than chance can be removed.
-            (b > by_chance(n)).then(|| ((b - a) / (b - n)).min(1.0))
-        };
-        let count = misfit_before.parts.len();
-        let removed_fraction = removed(&mut (0..count));
+        let count = sides[0].parts.len();
+        let removed_fraction = removed(&sides, 0..count);
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut draws: Vec<f64> = (0..DRAWS)
             .filter_map(|_| {
                 let drawn: Vec<usize> = (0..count).map(|_| random.random_range(0..count)).collect();
-                removed(&mut drawn.into_iter())
+                removed(&sides, drawn)
             })
             .collect();
         draws.sort_by(f64::total_cmp);
-        let quantile = |p: f64| draws.get(((draws.len() as f64 - 1.0) * p).round() as usize).copied();
-        let interval =
-            removed_fraction.and(quantile(0.025).zip(quantile(0.975))).map(|(low, high)| [low, high]);
+        let [low, high] =
+            [0.025, 0.975].map(|p| draws.get(((draws.len() as f64 - 1.0) * p).round() as usize).copied());
+        let interval = removed_fraction.and(low.zip(high)).map(|(low, high)| [low, high]);
+        let [misfit_before, misfit_after] = sides;
         Ok(Some(HeldOutMisfit {
             heldout_runs: self.runs.iter().map(|run| run.run.id.clone()).collect(),
             before: misfit_before.side(),
@@ -390,6 +376,18 @@ impl Judge {
         }
         Ok(tally)
     }
+}
+
+/// Fraction of the removable misfit in some parts, each as often as it is named, that the second side removes.
+fn removed([before, after]: &[Tally; 2], parts: impl IntoIterator<Item = usize>) -> Option<f64> {
+    let (mut b, mut a, mut n) = (0.0, 0.0, 0.0);
+    for part in parts {
+        b += before.parts[part].0;
+        a += after.parts[part].0;
+        n += before.parts[part].1 as f64;
+    }
+    // Only a gap that is more than chance can be removed.
+    (b > by_chance(n)).then(|| ((b - a) / (b - n)).min(1.0))
 }
 
 /// Misfit of so many readings that chance does not exceed.

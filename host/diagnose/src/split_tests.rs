@@ -64,12 +64,13 @@ fn what_was_held_out_is_judged_after_the_training_runs() {
     let shared = judge.of_training.shared_after(&everyday, &start.fitted.residuals).expect("amplitudes");
     let whole_run =
         judge.imperfections.ahead(run, &whole, &everyday, &shared, &held_out[0]).expect("a density");
-    let both = judge.imperfections.of_first(run + 1);
-    let misfit = |patterns: &Patterns, residuals: &[Vec<f64>]| {
-        posterior::misfit(patterns, &everyday, residuals).expect("a misfit")
-    };
     let with_run = [start.fitted.residuals.clone(), vec![held_out[0].clone()]].concat();
-    let expected = misfit(&both, &with_run) - misfit(&judge.of_training, &start.fitted.residuals);
+    let [joint_misfit, training_misfit] =
+        [(&judge.imperfections.of_first(run + 1), &with_run), (&judge.of_training, &start.fitted.residuals)]
+            .map(|(patterns, residuals)| {
+                posterior::misfit(patterns, &everyday, residuals).expect("a misfit")
+            });
+    let expected = joint_misfit - training_misfit;
     assert!((whole_run.square / expected - 1.0).abs() < 1e-6, "{} {expected}", whole_run.square);
     assert_eq!(parts[0].readings, first_parts[0].len());
 }
@@ -78,25 +79,26 @@ fn what_was_held_out_is_judged_after_the_training_runs() {
 #[test]
 fn a_larger_discrepancy_costs_density() {
     let (start, judge) = start_and_judge();
-    let [own, larger] = [1.0, 4.0].map(|factor| {
+    let [fitted_size, larger] = [1.0, 4.0].map(|factor| {
         let mut fitted = start.fitted.clone();
         fitted.sizes.iter_mut().for_each(|size| *size *= factor);
         judge.losses(&fitted).expect("losses").of_density.iter().sum::<f64>()
     });
-    assert!(larger > own + 2.0, "{own} {larger}");
+    assert!(larger > fitted_size + 2.0, "{fitted_size} {larger}");
 }
 
 #[test]
 fn runs_of_a_kind_are_judged_by_themselves() {
     let (start, judge) = start_and_judge();
-    let misfit = |kinds| judge.held_out_misfit_in(&start.fitted, kinds).expect("held out");
-    let both = [(Kind::Lateral, RunKinds::LATERAL), (Kind::Insertion, RunKinds::INSERTION)];
-    for (kind, kinds) in both {
+    let mut sum = 0.0;
+    for (kind, kinds) in [(Kind::Lateral, RunKinds::LATERAL), (Kind::Insertion, RunKinds::INSERTION)] {
+        let misfit = judge.held_out_misfit_in(&start.fitted, kinds).expect("held out");
         let of_kind = judge.runs.iter().filter(|run| run.run.kind == kind);
         let readings: usize = of_kind.map(|run| run.run.data.len()).sum();
-        let per_reading = misfit(kinds) / readings as f64;
+        let per_reading = misfit / readings as f64;
         assert!((0.5..1.5).contains(&per_reading), "{kind:?}: {per_reading}");
+        sum += misfit;
     }
-    let sum: f64 = both.iter().map(|(_, kinds)| misfit(*kinds)).sum();
-    assert!((sum / misfit(RunKinds::BOTH) - 1.0).abs() < 1e-9, "{sum}");
+    let joint_misfit = judge.held_out_misfit_in(&start.fitted, RunKinds::BOTH).expect("held out");
+    assert!((sum / joint_misfit - 1.0).abs() < 1e-9, "{sum}");
 }

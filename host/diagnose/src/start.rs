@@ -54,15 +54,7 @@ pub(super) fn fit_start(
     for (value, (info, given)) in first_values[layout.own()..].iter_mut().zip(infos) {
         *value = Scale::of(info).inside(*given);
     }
-    let prepared = |values: &[f64]| -> Result<Vec<Prepared>, ModelError> {
-        runs.iter()
-            .map(|run| {
-                let model = layout.model_of(values, run.kind, run.is_reference)?;
-                Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noises.of(run), &model)? })
-            })
-            .collect()
-    };
-    let first = prepared(&first_values)?;
+    let first = prepared(layout, &first_values, runs, noises)?;
     let no_patterns = Patterns::none(first.iter().map(|run| run.run.data.len()));
     let ends = layout.starts(&first_values);
     let mut ends: Vec<Fitted> = ends
@@ -73,26 +65,43 @@ pub(super) fn fit_start(
     // Places that lead to the same end are one.
     ends.dedup_by(|a, b| a.is_at(b));
     let best = ends.first().ok_or(FitError::Undetermined)?.values();
-    let runs = prepared(best)?;
+    let runs = prepared(layout, best, runs, noises)?;
     let patterns = patterns(layout, best, &runs, multiples)?;
     let everyday = patterns.everyday();
-    let fit_from = |starts: &Fitted, sizes: &[f64], rounds: usize| {
-        Fitted::new(layout, &runs, &patterns, starts.values(), sizes, rounds)
-    };
     // Most ends are far behind after a few rounds.
     let rounds = if ends.len() == 1 { MAX_ROUNDS } else { FIRST_ROUNDS };
-    let fits: Vec<Fitted> =
-        ends.par_iter().map(|end| fit_from(end, &everyday, rounds)).collect::<Result<_, _>>()?;
+    let fits: Vec<Fitted> = ends
+        .par_iter()
+        .map(|end| Fitted::new(layout, &runs, &patterns, end.values(), &everyday, rounds))
+        .collect::<Result<_, _>>()?;
     let best = fits.iter().map(|fit| fit.log_evidence).fold(f64::NEG_INFINITY, f64::max);
     let mut near_fits: Vec<Fitted> =
         fits.into_iter().filter(|fit| fit.log_evidence > best - FAR_BEHIND).collect();
     near_fits.dedup_by(|a, b| a.is_at(b));
     let settled: Vec<Fitted> = near_fits
         .into_par_iter()
-        .map(|fit| if fit.settled { Ok(fit) } else { fit_from(&fit, &fit.sizes, MAX_ROUNDS) })
+        .map(|fit| match fit.settled {
+            true => Ok(fit),
+            false => Fitted::new(layout, &runs, &patterns, fit.values(), &fit.sizes, MAX_ROUNDS),
+        })
         .collect::<Result<_, _>>()?;
     let best = settled.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
     Ok(Start { runs, patterns, fitted: best.ok_or(FitError::Undetermined)? })
+}
+
+/// Runs with what makes their residuals independent under these values.
+fn prepared(
+    layout: &Layout,
+    values: &[f64],
+    runs: &[Run],
+    noises: &Noises,
+) -> Result<Vec<Prepared>, ModelError> {
+    let mut prepared = Vec::with_capacity(runs.len());
+    for run in runs {
+        let model = layout.model_of(values, run.kind, run.is_reference)?;
+        prepared.push(Prepared { run: run.clone(), whitener: Whitener::new(run, noises.of(run), &model)? });
+    }
+    Ok(prepared)
 }
 
 impl Start {
@@ -107,10 +116,9 @@ impl Start {
             return Ok(false);
         }
         let layout = Layout { support: self.fitted.layout.support, ..found.fitted.layout.clone() };
-        let values = |fitted: &Fitted| fitted.values().to_vec();
         // Moduli, and what else both have, from here; the effects from there.
-        let mut starts = values(&found.fitted);
-        starts.iter_mut().zip(values(&self.fitted)).for_each(|(start, own)| *start = own);
+        let mut starts = found.fitted.values().to_vec();
+        starts.iter_mut().zip(self.fitted.values()).for_each(|(start, own)| *start = *own);
         let same_fit =
             Fitted::new(&layout, &self.runs, &self.patterns, &starts, &found.fitted.sizes, FIRST_ROUNDS);
         Ok(same_fit.is_ok_and(|same_fit| same_fit.log_evidence < found.fitted.log_evidence + NO_WEIGHT))

@@ -22,19 +22,22 @@ const MM: f64 = 1e-3;
 fn excluded(found: &Found) -> Option<(StatedPlace, f64)> {
     let models = found.with_neighbours();
     let total: f64 = models.iter().map(|(ln, _)| ln.exp()).sum();
-    let probability = |place: &StatedPlace| {
-        let ln_tail = |(ln, fitted): &(f64, &Fitted)| {
-            let value_m = fitted.values().get(place.parameter)?;
-            let sds = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
-            Some(ln.exp() * Normal::standard().cdf(sds))
-        };
-        let own_probability = ln_tail(&(0.0, &found.fitted)).unwrap_or_default();
-        own_probability.min(models.iter().filter_map(ln_tail).sum::<f64>() / total)
-    };
-    let stated_probabilities = found.fitted.layout.stated().map(|place| (probability(&place), place));
+    let stated_probabilities = found.fitted.layout.stated().map(|place| {
+        let own_probability = probability_beyond(&place, &found.fitted).unwrap_or_default();
+        let weighted =
+            models.iter().filter_map(|(ln, fitted)| Some(ln.exp() * probability_beyond(&place, fitted)?));
+        (own_probability.min(weighted.sum::<f64>() / total), place)
+    });
     let (probability, excluded_place) = stated_probabilities.max_by(|a, b| a.0.total_cmp(&b.0))?;
     let value_m = *found.fitted.values().get(excluded_place.parameter)?;
     (probability > STATED_PROBABILITY).then_some((excluded_place, value_m))
+}
+
+/// Probability in one model that a place is beyond the 95 % interval of what was stated; nothing where the model does not have it.
+fn probability_beyond(place: &StatedPlace, fitted: &Fitted) -> Option<f64> {
+    let value_m = fitted.values().get(place.parameter)?;
+    let sds = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
+    Some(Normal::standard().cdf(sds))
 }
 
 impl Start {

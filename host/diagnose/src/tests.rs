@@ -69,24 +69,22 @@ fn effects_that_the_runs_cannot_show_take_no_place_among_those_that_are_fitted()
     let mut design = Design::insertions();
     design.lateral.clear();
     let diagnosis = diagnosed(&truth(vec![("tip.load_slope", vec![0.001])]), &design, 3);
-    let ranked_effect = |id: &str| {
-        diagnosis.ranking.iter().find(|ranked| ranked.id == id).expect("an effect of the catalogue")
-    };
+    let load_slope = diagnosis.ranking.iter().find(|ranked| ranked.id == "tip.load_slope");
     assert!(diagnosis.not_identifiable.len() > 5, "{:?}", diagnosis.not_identifiable);
-    assert!(ranked_effect("tip.load_slope").refitted, "{:?}", diagnosis.ranking);
+    assert!(load_slope.is_some_and(|ranked| ranked.refitted), "{:?}", diagnosis.ranking);
 }
 
 #[test]
 fn the_diagnosis_does_not_depend_on_the_number_of_threads() {
     let session = session(&truth(vec![("rig.backlash", vec![0.06])]), &Design::four_runs(), 3);
-    let diagnosed_on = |threads: usize| {
+    let [with_one, with_four] = [1, 4].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         // Written out, numbers differ where any of their bits does.
         pool.install(|| {
             format!("{:?}", diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis"))
         })
-    };
-    assert_eq!(diagnosed_on(1), diagnosed_on(4));
+    });
+    assert_eq!(with_one, with_four);
 }
 
 #[test]
@@ -141,10 +139,11 @@ fn two_effects_are_both_named() {
     let seeds = [6, 7, 8, 9, 10];
     let named = seeds.iter().filter(|seed| {
         let diagnosis = diagnosed(&truth(two_effects.clone()), &Design::four_runs(), **seed);
-        let has =
-            |id: &str| diagnosis.effects.iter().any(|effect| effect.class.iter().any(|member| member == id));
         // Layers stand for a skin where little else separates them.
-        diagnosis.effects.len() == 2 && has("rig.friction") && has("tissue.skin")
+        let members: Vec<&String> = diagnosis.effects.iter().flat_map(|effect| &effect.class).collect();
+        let has_both =
+            ["rig.friction", "tissue.skin"].iter().all(|id| members.iter().any(|member| member == id));
+        diagnosis.effects.len() == 2 && has_both
     });
     assert!(named.count() >= 4);
 }
@@ -223,18 +222,18 @@ fn held_out_runs_refuse_names_and_change_nothing_else() {
     let held_ids = plain.gap.as_ref().expect("a gap").heldout_runs.clone();
     let mut changed_session = session.clone();
     // Holds of the run along x, which has no repeat, are held out; the others are training.
-    let is_whole = |id: &String| held_ids.contains(id) && !id.starts_with('x');
-    for run in changed_session.lateral.iter_mut().filter(|run| is_whole(&run.id)) {
+    let runs = changed_session.lateral.iter_mut();
+    for run in runs.filter(|run| held_ids.contains(&run.id) && !run.id.starts_with('x')) {
         run.force.force_y_n.iter_mut().for_each(|force_n| *force_n = 0.3 - *force_n);
         run.shape.y_m.iter_mut().for_each(|u_m| *u_m *= 2.0);
     }
     let spoilt = diagnose(&changed_session, &Options::default(), |_| {}).expect("a diagnosis");
     assert_ne!(plain.gap, spoilt.gap);
-    let outcome_of = |d: &Diagnosis| {
+    let [of_plain, of_spoilt] = [&plain, &spoilt].map(|d| {
         let ranking: Vec<_> = d.ranking.iter().map(|r| (r.id.clone(), r.log_evidence_gain)).collect();
         (d.regions.clone(), d.margin, d.noise.clone(), ranking, d.adequacy[0].clone())
-    };
-    assert_eq!(outcome_of(&plain), outcome_of(&spoilt));
+    });
+    assert_eq!(of_plain, of_spoilt);
     assert_eq!((plain.verdict, spoilt.verdict), (Verdict::Named, Verdict::Unexplained));
 }
 
@@ -308,16 +307,16 @@ fn a_trackers_points_at_one_place_are_one_datum() {
     let plain = runs_of(&session).expect("runs").0;
     let mut added = ::noise::Noise::new(1);
     for run in &mut session.lateral {
-        let repeated = |values: &[f64]| values.repeat(TIMES);
         let shape = &mut run.shape;
-        (shape.time_s, shape.z_m) = (shape.time_s.as_deref().map(repeated), repeated(&shape.z_m));
-        (shape.y_m, shape.x_m) = (repeated(&shape.y_m), shape.x_m.as_deref().map(repeated));
+        let columns = [Some(&mut shape.z_m), Some(&mut shape.y_m), shape.x_m.as_mut(), shape.time_s.as_mut()];
+        columns.into_iter().flatten().for_each(|column| *column = column.repeat(TIMES));
         shape.y_m.iter_mut().chain(shape.x_m.iter_mut().flatten()).for_each(|u| *u += SD_M * added.normal());
     }
     let (runs, _) = runs_of(&session).expect("runs");
-    let count = |runs: &[Run]| runs.iter().map(|run| run.data.len()).sum::<usize>();
     // More noise has fewer points that are taken as misread.
-    let ratio = count(&runs) as f64 / count(&plain) as f64;
+    let [count, plain_count] =
+        [&runs, &plain].map(|runs| runs.iter().map(|run| run.data.len()).sum::<usize>());
+    let ratio = count as f64 / plain_count as f64;
     assert!((0.95..1.05).contains(&ratio), "{ratio}");
     session.noise.shape_m = None;
     let noise = Noise::of(&runs, &session.noise);
@@ -399,9 +398,8 @@ fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
     assert!(disagreements[0].starts_with("noise of the shape: 0.010 mm is stated"), "{disagreements:?}");
     // The wobble is there all the same.
     let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
-    let is_wave =
-        |effect: &FoundEffect| effect.class.iter().any(|id| id.starts_with("law.shape_y.place.sine"));
-    assert!(diagnosis.effects.iter().any(is_wave), "{:?}", diagnosis.effects);
+    let mut members = diagnosis.effects.iter().flat_map(|effect| &effect.class);
+    assert!(members.any(|id| id.starts_with("law.shape_y.place.sine")), "{:?}", diagnosis.effects);
     let period = diagnosis.effects.iter().find_map(|effect| effect.parameters.get("period_mm"));
     let [low, high] = period.expect("a period").ci95;
     assert!(low < 8.0 && high > 8.0 && high - low < 0.2, "{period:?}");

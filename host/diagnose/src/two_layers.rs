@@ -83,33 +83,34 @@ pub fn two_layers(
     }
     let best = ends.first().ok_or(FitError::Undetermined)?;
     let boundary_parameter = layout.first_of(layout.effects.len().saturating_sub(1));
-    let weight = |fit: &Fitted| (fit.log_evidence - best.log_evidence).exp();
-    // Moduli, ratio and boundary are logarithms inside the fits.
-    let mixed = |of: &dyn Fn(&Fitted) -> (f64, f64)| -> Result<Interval, FitError> {
-        let weighted_moments: Vec<(f64, f64, f64)> = ends
-            .iter()
-            .map(|fit| {
-                let (value, sd) = of(fit);
-                (weight(fit), value, sd)
-            })
-            .collect();
-        let ends = interval(&weighted_moments).ok_or(FitError::Undetermined)?;
-        Ok((of(best).0.exp(), ends.map(f64::exp)))
-    };
-    let parameter_of = |parameter: usize| move |fit: &Fitted| (fit.values()[parameter], fit.sd(parameter));
-    let lower = |fit: &Fitted| {
-        let variance = |i: usize, j: usize| fit.covariance[(i, j)];
-        let variance = variance(0, 0)
-            + 2.0 * variance(0, boundary_parameter)
-            + variance(boundary_parameter, boundary_parameter);
+    let lower_pa = mixed(&ends, |fit| {
+        let variance = fit.covariance[(0, 0)]
+            + 2.0 * fit.covariance[(0, boundary_parameter)]
+            + fit.covariance[(boundary_parameter, boundary_parameter)];
         (fit.values()[0] + fit.values()[boundary_parameter], variance.max(0.0).sqrt())
-    };
+    })?;
     Ok(TwoLayers {
-        upper_pa: mixed(&parameter_of(0))?,
-        lower_pa: mixed(&lower)?,
-        ratio: mixed(&parameter_of(boundary_parameter))?,
-        boundary_mm: mixed(&parameter_of(boundary_parameter + 1))?,
+        upper_pa: mixed(&ends, |fit| moments_of(fit, 0))?,
+        lower_pa,
+        ratio: mixed(&ends, |fit| moments_of(fit, boundary_parameter))?,
+        boundary_mm: mixed(&ends, |fit| moments_of(fit, boundary_parameter + 1))?,
         log_evidence: best.log_evidence,
         log_evidence_gain: best.log_evidence - single_modulus.fitted.log_evidence,
     })
+}
+
+/// Value of a logarithm in the likeliest fit, and the interval over all of them: moduli, ratio and boundary are logarithms inside the fits.
+fn mixed(fits: &[Fitted], moments: impl Fn(&Fitted) -> (f64, f64)) -> Result<Interval, FitError> {
+    let best = fits.first().ok_or(FitError::Undetermined)?;
+    let weighted_moments = fits.iter().map(|fit| {
+        let (value, sd) = moments(fit);
+        ((fit.log_evidence - best.log_evidence).exp(), value, sd)
+    });
+    let ends = interval(&weighted_moments.collect::<Vec<_>>()).ok_or(FitError::Undetermined)?;
+    Ok((moments(best).0.exp(), ends.map(f64::exp)))
+}
+
+/// Value and standard deviation of a parameter.
+fn moments_of(fit: &Fitted, parameter: usize) -> (f64, f64) {
+    (fit.values()[parameter], fit.sd(parameter))
 }

@@ -85,10 +85,9 @@ pub(super) fn over_plays(
     let (values, sds) = profile(&nodes, layout.first_of(index));
     // Correlated as over all plays.
     let covariance = moments(&nodes);
-    let sd = |i: usize| covariance[(i, i)].sqrt().max(f64::MIN_POSITIVE);
-    let scaled = DMatrix::from_fn(sds.len(), sds.len(), |i, j| {
-        covariance[(i, j)] * (sds[i] / sd(i)) * (sds[j] / sd(j))
-    });
+    let scales: Vec<f64> =
+        (0..sds.len()).map(|i| sds[i] / covariance[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
+    let scaled = DMatrix::from_fn(sds.len(), sds.len(), |i, j| covariance[(i, j)] * scales[i] * scales[j]);
     Ok(fitted.with_moments(values, scaled))
 }
 
@@ -96,20 +95,20 @@ pub(super) fn over_plays(
 fn profile(nodes: &[Node], own: usize) -> (Vec<f64>, Vec<f64>) {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
     // Remainder of the square of 1.96 at a play.
-    let remainder_at = |ln_density: f64| NORMAL_975 * NORMAL_975 - 2.0 * (most - ln_density);
-    let end_of = |i: usize| {
-        let ends = nodes.iter().filter(|node| remainder_at(node.ln_density) >= 0.0).map(|node| {
-            let half = remainder_at(node.ln_density).sqrt() * node.fit.sd(i);
-            [node.fit.values()[i] - half, node.fit.values()[i] + half]
-        });
-        ends.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], [low, high]| [l.min(low), h.max(high)])
-    };
+    let remainders: Vec<f64> =
+        nodes.iter().map(|node| NORMAL_975 * NORMAL_975 - 2.0 * (most - node.ln_density)).collect();
     let count = nodes.first().map_or(0, |node| node.fit.values().len());
-    let mut intervals: Vec<[f64; 2]> = (0..count).map(end_of).collect();
+    let mut intervals = vec![[f64::INFINITY, f64::NEG_INFINITY]; count];
+    for (node, remainder) in nodes.iter().zip(&remainders).filter(|(_, remainder)| **remainder >= 0.0) {
+        for (i, [low, high]) in intervals.iter_mut().enumerate() {
+            let (value, half) = (node.fit.values()[i], remainder.sqrt() * node.fit.sd(i));
+            (*low, *high) = (low.min(value - half), high.max(value + half));
+        }
+    }
     // The ends of the play lie between two plays.
     if let Some([low, high]) = intervals.get_mut(own) {
-        for (a, b) in nodes.iter().zip(nodes.iter().skip(1)) {
-            let (start_remainder, end_remainder) = (remainder_at(a.ln_density), remainder_at(b.ln_density));
+        for (pair, remainders) in nodes.windows(2).zip(remainders.windows(2)) {
+            let ([a, b], [start_remainder, end_remainder]) = (pair, remainders) else { continue };
             if start_remainder * end_remainder < 0.0 {
                 let end_mm =
                     a.play_mm + (b.play_mm - a.play_mm) * start_remainder / (start_remainder - end_remainder);

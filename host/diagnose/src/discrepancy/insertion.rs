@@ -1,7 +1,6 @@
 //! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
 
-use super::group_of;
-use super::{Around, Cause, GroupPatterns, Made, Scope};
+use super::{Around, Cause, GroupPatterns, Groups, Made, Scope};
 use crate::data::{Datum, Kind, Source};
 use mechanics::insertion::Cutting;
 use mechanics::unknowns::discrepancy::insertion as size;
@@ -24,80 +23,81 @@ const ROLL_STEP_RAD: f64 = 1e-3;
 
 /// All groups; lateral runs have none of their patterns.
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
-    let mut groups = Vec::new();
-    let mut add = |unknown: &Unknown,
-                   scope: Scope,
-                   cause: Cause,
-                   of: &dyn Fn(&Around<'_>) -> Made|
-     -> Result<(), ModelError> {
-        let of_runs = all
-            .iter()
-            .map(|around| if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) })
-            .collect::<Result<_, _>>()?;
-        groups.push(GroupPatterns { group: group_of(unknown), scope, of_runs, cause });
-        Ok(())
-    };
-    let modulus = |around: &Around<'_>| {
-        let slope = around.slope(LN_STEP, |model, _| {
-            model.foundation = model.foundation.scaled(LN_STEP.exp())?;
-            Ok(())
-        });
-        Ok(vec![slope?])
-    };
-    let entry = |around: &Around<'_>| {
-        let slope = around.slope(SHIFT_STEP_M, |model, _| {
-            model.rig.entry_m += SHIFT_STEP_M;
-            Ok(())
-        });
-        Ok(vec![slope?])
-    };
-    let roll = |around: &Around<'_>| {
-        let slope = around.slope(ROLL_STEP_RAD, |model, _| {
-            model.tip.along_bevel.roll_rad += ROLL_STEP_RAD;
-            Ok(())
-        });
-        Ok(vec![slope?])
-    };
+    let mut groups = Groups::new(all, Kind::Insertion);
     // The size of something that happens once cannot be found from it: it is known.
-    add(&size::MODULUS_OF_ONE, Scope::Own, Cause::Run, &modulus)?;
-    add(&size::LOAD_OF_ONE, Scope::Own, Cause::Run, &|around| Ok(vec![under_load(around, &|_| 1.0)?]))?;
+    groups.add(&size::MODULUS_OF_ONE, Scope::Own, Cause::Run, modulus)?;
+    groups
+        .add(&size::LOAD_OF_ONE, Scope::Own, Cause::Run, |around| Ok(vec![under_load(around, &|_| 1.0)?]))?;
     let by_hand = all.iter().any(|around| around.model.rig.has_one_guide());
     // The same groups by name, so that what a model file states of them holds for both.
     let [angle, tilt] = if by_hand {
-        let named = |of: Unknown, by: Unknown| Unknown { name: of.name, ..by };
-        [named(size::ENTRY_ANGLE, size::ENTRY_ANGLE_BY_HAND), named(size::TILT, size::TILT_BY_HAND)]
+        [
+            Unknown { name: size::ENTRY_ANGLE.name, ..size::ENTRY_ANGLE_BY_HAND },
+            Unknown { name: size::TILT.name, ..size::TILT_BY_HAND },
+        ]
     } else {
         [size::ENTRY_ANGLE, size::TILT]
     };
-    add(&angle, Scope::Own, Cause::INSTRUMENT, &|around| Ok(linear(around)))?;
-    add(&size::SURFACE_OF_ONE, Scope::Own, Cause::Run, &entry)?;
-    add(&size::ROLL_OF_ONE, Scope::Own, Cause::Run, &roll)?;
-    let waves = |around: &Around<'_>| {
-        (1..=LOAD_WAVES)
-            .map(|k| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos()))
-            .collect::<Result<Vec<_>, _>>()
-    };
-    add(&size::LOAD_OVER_DEPTH_OF_ONE, Scope::Own, Cause::Physics, &waves)?;
-    add(&size::LOAD_OVER_DEPTH, Scope::Shared, Cause::Physics, &waves)?;
-    add(&size::DRIFT_OF_ONE, Scope::Own, Cause::Physics, &|around| Ok(smooth(around)))?;
-    add(&size::SMOOTH_PATH, Scope::Shared, Cause::Physics, &|around| Ok(smooth(around)))?;
-    add(&size::DIRECTION_DRIFT_OF_ONE, Scope::Own, Cause::Physics, &|around| Ok(smooth_direction(around)))?;
-    add(&size::SMOOTH_DIRECTION, Scope::Shared, Cause::Physics, &|around| Ok(smooth_direction(around)))?;
+    groups.add(&angle, Scope::Own, Cause::INSTRUMENT, |around| Ok(linear(around)))?;
+    groups.add(&size::SURFACE_OF_ONE, Scope::Own, Cause::Run, entry)?;
+    groups.add(&size::ROLL_OF_ONE, Scope::Own, Cause::Run, roll)?;
+    groups.add(&size::LOAD_OVER_DEPTH_OF_ONE, Scope::Own, Cause::Physics, load_waves)?;
+    groups.add(&size::LOAD_OVER_DEPTH, Scope::Shared, Cause::Physics, load_waves)?;
+    groups.add(&size::DRIFT_OF_ONE, Scope::Own, Cause::Physics, |around| Ok(smooth(around)))?;
+    groups.add(&size::SMOOTH_PATH, Scope::Shared, Cause::Physics, |around| Ok(smooth(around)))?;
+    groups.add(&size::DIRECTION_DRIFT_OF_ONE, Scope::Own, Cause::Physics, |around| {
+        Ok(smooth_direction(around))
+    })?;
+    groups
+        .add(&size::SMOOTH_DIRECTION, Scope::Shared, Cause::Physics, |around| Ok(smooth_direction(around)))?;
     // A sensor is some millimetres long, and behind the tip.
-    add(&size::DIRECTION_PROPORTIONAL, Scope::Shared, Cause::Physics, &|around| {
+    groups.add(&size::DIRECTION_PROPORTIONAL, Scope::Shared, Cause::Physics, |around| {
         Ok(proportional_direction(around))
     })?;
-    add(&size::DIRECTION_PROPORTIONAL_OF_ONE, Scope::Own, Cause::Physics, &|around| {
+    groups.add(&size::DIRECTION_PROPORTIONAL_OF_ONE, Scope::Own, Cause::Physics, |around| {
         Ok(proportional_direction(around))
     })?;
     // A hand takes the needle again, along another line.
-    add(&tilt, Scope::Shared, Cause::Instrument { mounted: by_hand }, &|around| Ok(linear(around)))?;
-    add(&sensors::COIL_ANGLE, Scope::Shared, Cause::INSTRUMENT, &|around| Ok(coil(around)))?;
-    add(&rig::GUIDE2_ZERO, Scope::Shared, Cause::Physics, &guide2)?;
-    add(&tissue::SURFACE_IN_INSERTIONS, Scope::Shared, Cause::Mounting, &entry)?;
-    add(&size::ROLL, Scope::Shared, Cause::Mounting, &roll)?;
-    groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
-    Ok(groups)
+    groups.add(&tilt, Scope::Shared, Cause::Instrument { mounted: by_hand }, |around| Ok(linear(around)))?;
+    groups.add(&sensors::COIL_ANGLE, Scope::Shared, Cause::INSTRUMENT, |around| Ok(coil(around)))?;
+    groups.add(&rig::GUIDE2_ZERO, Scope::Shared, Cause::Physics, guide2)?;
+    groups.add(&tissue::SURFACE_IN_INSERTIONS, Scope::Shared, Cause::Mounting, entry)?;
+    groups.add(&size::ROLL, Scope::Shared, Cause::Mounting, roll)?;
+    Ok(groups.shown())
+}
+
+/// Change of the path by the logarithm of the modulus.
+fn modulus(around: &Around<'_>) -> Made {
+    let slope = around.slope(LN_STEP, |model, _| {
+        model.foundation = model.foundation.scaled(LN_STEP.exp())?;
+        Ok(())
+    });
+    Ok(vec![slope?])
+}
+
+/// Change of the path where the surface is farther away.
+fn entry(around: &Around<'_>) -> Made {
+    let slope = around.slope(SHIFT_STEP_M, |model, _| {
+        model.rig.entry_m += SHIFT_STEP_M;
+        Ok(())
+    });
+    Ok(vec![slope?])
+}
+
+/// Change of the path where the bevel is rolled.
+fn roll(around: &Around<'_>) -> Made {
+    let slope = around.slope(ROLL_STEP_RAD, |model, _| {
+        model.tip.along_bevel.roll_rad += ROLL_STEP_RAD;
+        Ok(())
+    });
+    Ok(vec![slope?])
+}
+
+/// Changes of the path under loads that vary with depth.
+fn load_waves(around: &Around<'_>) -> Made {
+    (1..=LOAD_WAVES)
+        .map(|k| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos()))
+        .collect()
 }
 
 /// Change of the path where the tip load is larger by a share that varies with depth.
@@ -107,8 +107,8 @@ fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64
     around.slope(1.0, |model, _| {
         if let Cutting::Load(planes) = &mut model.tip.cutting {
             for profile in planes {
-                let loaded_point = |depth_m: f64| [depth_m, profile.before(depth_m) * (1.0 + share(depth_m))];
-                let knots = (0..=count).map(|i| loaded_point(last_m * i as f64 / count as f64));
+                let depths_m = (0..=count).map(|i| last_m * i as f64 / count as f64);
+                let knots = depths_m.map(|m| [m, profile.before(m) * (1.0 + share(m))]);
                 *profile = Profile::new(knots.collect())?;
             }
         }

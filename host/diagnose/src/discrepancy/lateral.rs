@@ -1,12 +1,11 @@
 //! Patterns in lateral runs: what a careful laboratory would not notice, in tissue, image, force sensor and guides.
 
-use super::group_of;
-use super::{Around, Cause, GroupPatterns, Made, Scope};
+use super::{Around, Cause, GroupPatterns, Groups, Scope};
 use crate::data::{Kind, Source};
 use crate::predicted::predicted;
 use mechanics::effects::effect;
 use mechanics::unknowns::discrepancy::lateral as size;
-use mechanics::unknowns::{Unknown, rig as of_rig, sensors, tissue};
+use mechanics::unknowns::{rig as of_rig, sensors, tissue};
 use mechanics::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
@@ -47,44 +46,29 @@ fn part(around: &Around<'_>, index: usize) -> Part {
 
 /// All groups; runs of another kind have none of their patterns.
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
-    let lateral = |around: &Around<'_>| around.run.kind == Kind::Lateral;
-    let mut groups = Vec::new();
-    let mut add = |unknown: &Unknown,
-                   scope: Scope,
-                   cause: Cause,
-                   of: &mut dyn FnMut(usize, &Around<'_>) -> Made|
-     -> Result<(), ModelError> {
-        let of_runs = all
-            .iter()
-            .enumerate()
-            .map(|(number, around)| if lateral(around) { of(number, around) } else { Ok(Vec::new()) })
-            .collect::<Result<_, _>>()?;
-        groups.push(GroupPatterns { group: group_of(unknown), scope, of_runs, cause });
-        Ok(())
-    };
-    let deepest_m = all.iter().filter(|a| lateral(a)).map(|a| a.run.depth_m).fold(0.0, f64::max);
+    let mut groups = Groups::new(all, Kind::Lateral);
+    let deepest_m = groups.around().map(|around| around.run.depth_m).fold(0.0, f64::max);
 
     // Tissue.
-    let by_modulus: Vec<Vec<f64>> = all
-        .iter()
-        .map(|around| if lateral(around) { by_ln_modulus(around) } else { Ok(Vec::new()) })
-        .collect::<Result<_, _>>()?;
-    add(&size::MODULUS_FROM_RUN_TO_RUN, Scope::Own, Cause::Physics, &mut |number, _| {
-        Ok(vec![by_modulus[number].clone()])
+    let by_modulus = groups.around().map(by_ln_modulus).collect::<Result<Vec<_>, _>>()?;
+    let mut slopes = by_modulus.iter();
+    groups.add(&size::MODULUS_FROM_RUN_TO_RUN, Scope::Own, Cause::Physics, |_| {
+        Ok(slopes.next().into_iter().cloned().collect())
     })?;
-    let mut number_of_run = 0.0;
-    add(&size::MODULUS_CHANGING, Scope::Shared, Cause::Physics, &mut |number, _| {
-        let trend = by_modulus[number].iter().map(|slope| number_of_run * slope).collect();
-        number_of_run += 1.0;
-        Ok(vec![trend])
+    let mut trends = by_modulus
+        .iter()
+        .enumerate()
+        .map(|(number, slopes)| slopes.iter().map(|slope| number as f64 * slope).collect());
+    groups.add(&size::MODULUS_CHANGING, Scope::Shared, Cause::Physics, |_| {
+        Ok(trends.next().into_iter().collect())
     })?;
     let mix = slices_alike((deepest_m / SLICE_M).ceil().max(1.0) as usize);
-    add(&size::MODULUS_OVER_DEPTH, Scope::Shared, Cause::Physics, &mut |_, around| by_slices(around, &mix))?;
+    groups.add(&size::MODULUS_OVER_DEPTH, Scope::Shared, Cause::Physics, |around| by_slices(around, &mix))?;
 
     // Image.
     let repeats = ((deepest_m / REPEAT_M).ceil() as usize).clamp(2, MAX_REPEATS);
     let spacing_m = deepest_m / repeats as f64;
-    add(&size::REPEATING_SHAPE, Scope::Shared, Cause::Physics, &mut |_, around| {
+    groups.add(&size::REPEATING_SHAPE, Scope::Shared, Cause::Physics, |around| {
         Ok((0..=repeats)
             .map(|node| {
                 around.each(|i, datum| match part(around, i) {
@@ -96,8 +80,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             })
             .collect())
     })?;
-    let wave = |k: usize, depth_m: f64| (k as f64 * PI * depth_m / SMOOTH_M).cos();
-    add(&size::SMOOTH_SHAPE, Scope::Shared, Cause::Physics, &mut |_, around| {
+    groups.add(&size::SMOOTH_SHAPE, Scope::Shared, Cause::Physics, |around| {
         Ok([0, 1]
             .into_iter()
             .flat_map(|plane| (0..SMOOTH).map(move |k| (plane, k)))
@@ -109,30 +92,25 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             })
             .collect())
     })?;
-    let proportional = |around: &Around<'_>, k: usize| {
-        around.each(|i, datum| {
-            if part(around, i).force { 0.0 } else { around.predicted[i] * wave(k, datum.place.depth_m) }
-        })
-    };
-    add(&size::SHAPE_PROPORTIONAL, Scope::Shared, Cause::Physics, &mut |_, around| {
+    groups.add(&size::SHAPE_PROPORTIONAL, Scope::Shared, Cause::Physics, |around| {
         Ok((0..SMOOTH).map(|k| proportional(around, k)).collect())
     })?;
-    add(&size::SHAPE_PROPORTIONAL_OF_RUN, Scope::Own, Cause::Physics, &mut |_, around| {
+    groups.add(&size::SHAPE_PROPORTIONAL_OF_RUN, Scope::Own, Cause::Physics, |around| {
         Ok((0..SMOOTH_OF_RUN).map(|k| proportional(around, k)).collect())
     })?;
-    add(&size::SHAPE_OFFSET, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
-        let driven_pattern = |(driven, k): (bool, usize)| {
+    groups.add(&size::SHAPE_OFFSET, Scope::Own, Cause::INSTRUMENT, |around| {
+        let patterns = [(true, 0), (true, 1), (false, 0)].map(|(driven, k)| {
             around.each(|i, datum| {
                 let is_part = part(around, i);
                 if !is_part.force && is_part.driven == driven { wave(k, datum.place.depth_m) } else { 0.0 }
             })
-        };
-        Ok([(true, 0), (true, 1), (false, 0)].into_iter().map(driven_pattern).collect())
+        });
+        Ok(patterns.to_vec())
     })?;
 
     // Guides and sensors.
-    add(&size::AXES, Scope::Shared, Cause::INSTRUMENT, &mut |_, around| axes(around))?;
-    add(&sensors::FORCE_ZERO, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+    groups.add(&size::AXES, Scope::Shared, Cause::INSTRUMENT, axes)?;
+    groups.add(&sensors::FORCE_ZERO, Scope::Own, Cause::INSTRUMENT, |around| {
         Ok([0, 1]
             .into_iter()
             .map(|plane| {
@@ -143,24 +121,21 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             })
             .collect())
     })?;
-    let force = |around: &Around<'_>, of: &dyn Fn(f64) -> f64| {
-        around.each(|i, _| if part(around, i).force { of(around.predicted[i]) } else { 0.0 })
-    };
-    add(&size::FORCE_GAIN_OF_RUN, Scope::Own, Cause::Physics, &mut |_, around| {
-        Ok(vec![force(around, &|force_n| force_n)])
+    groups.add(&size::FORCE_GAIN_OF_RUN, Scope::Own, Cause::Physics, |around| {
+        Ok(vec![force(around, |force_n| force_n)])
     })?;
-    let largest_n = all.iter().filter(|a| lateral(a)).map(largest_force_n).fold(1e-9, f64::max);
-    add(&size::NONLINEAR_FORCE, Scope::Shared, Cause::Physics, &mut |_, around| {
+    let largest_n = groups.around().map(largest_force_n).fold(1e-9, f64::max);
+    groups.add(&size::NONLINEAR_FORCE, Scope::Shared, Cause::Physics, |around| {
         Ok(vec![
-            force(around, &|force_n| force_n * force_n / largest_n),
-            force(around, &|force_n| force_n.powi(3) / (largest_n * largest_n)),
-            force(around, &f64::abs),
+            force(around, |force_n| force_n * force_n / largest_n),
+            force(around, |force_n| force_n.powi(3) / (largest_n * largest_n)),
+            force(around, f64::abs),
         ])
     })?;
-    let mut depths_mm: Vec<i64> = all.iter().filter(|a| lateral(a)).map(depth_mm).collect();
+    let mut depths_mm: Vec<i64> = groups.around().map(depth_mm).collect();
     depths_mm.sort_unstable();
     depths_mm.dedup();
-    add(&size::FORCE_HYSTERESIS, Scope::Shared, Cause::Physics, &mut |_, around| {
+    groups.add(&size::FORCE_HYSTERESIS, Scope::Shared, Cause::Physics, |around| {
         let most_n = largest_force_n(around);
         Ok(depths_mm
             .iter()
@@ -173,10 +148,10 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             })
             .collect())
     })?;
-    add(&size::FORCE_CREEP, Scope::Shared, Cause::Physics, &mut |_, around| {
+    groups.add(&size::FORCE_CREEP, Scope::Shared, Cause::Physics, |around| {
         Ok(CREEP_S.map(|time_s| lag_n(around, time_s)).to_vec())
     })?;
-    add(&size::FORCE_OF_HOLD, Scope::Own, Cause::Physics, &mut |_, around| {
+    groups.add(&size::FORCE_OF_HOLD, Scope::Own, Cause::Physics, |around| {
         Ok((0..around.run.parts())
             .map(|hold| {
                 around.each(|i, datum| match part(around, i) {
@@ -186,13 +161,13 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             })
             .collect())
     })?;
-    add(&size::FORCE_ON_THE_WAY, Scope::Own, Cause::Physics, &mut |_, around| {
+    groups.add(&size::FORCE_ON_THE_WAY, Scope::Own, Cause::Physics, |around| {
         Ok(vec![around.each(|i, datum| match part(around, i) {
             Part { force: true, driven: true, .. } if datum.place.hold_s.is_none() => datum.place.direction,
             _ => 0.0,
         })])
     })?;
-    add(&size::FORCE_DRIFT, Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
+    groups.add(&size::FORCE_DRIFT, Scope::Own, Cause::INSTRUMENT, |around| {
         let length_s = around.run.data.iter().map(|d| d.place.time_s).fold(1e-3, f64::max);
         Ok([0, 1]
             .into_iter()
@@ -210,14 +185,14 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
 
     // A statement about the rig is not exact.
-    if let Some(first) = all.iter().find(|a| lateral(a)) {
+    if let Some(first) = groups.around().next() {
         let rig = &first.model.rig;
         // With two guides it is an unknown of the model; only what a remounted needle changes is left to a pattern.
         let is_unknown = !rig.has_one_guide();
         let is_remounted = all.iter().any(|around| around.run.is_reference);
         if is_remounted || !is_unknown {
             let surface = tissue::SURFACE.with_sd(rig.tolerances.entry_sd_m());
-            add(&surface, Scope::Shared, Cause::Mounting, &mut |_, around| {
+            groups.add(&surface, Scope::Shared, Cause::Mounting, |around| {
                 Ok(vec![around.slope(ENTRY_STEP_M, |model, _| {
                     model.rig.entry_m += ENTRY_STEP_M;
                     Ok(())
@@ -225,27 +200,45 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             })?;
         }
         let stiffness = of_rig::NEEDLE_STIFFNESS.with_sd(rig.tolerances.stiffness_sd_ln(&rig.needle));
-        add(&stiffness, Scope::Shared, Cause::Physics, &mut |_, around| {
+        groups.add(&stiffness, Scope::Shared, Cause::Physics, |around| {
             Ok(vec![around.slope(LN_STEP, |model, _| {
                 model.rig.needle.youngs_modulus_pa *= 1.0 + LN_STEP;
                 Ok(())
             })?])
         })?;
     }
-    add(&sensors::FORCE_GAIN, Scope::Shared, Cause::Physics, &mut |_, around| {
-        Ok(vec![force(around, &|force_n| force_n)])
+    groups.add(&sensors::FORCE_GAIN, Scope::Shared, Cause::Physics, |around| {
+        Ok(vec![force(around, |force_n| force_n)])
     })?;
     // No bearing is without any clearance.
     if let Some(clearance) = effect("rig.backlash") {
-        add(&of_rig::CLEARANCE, Scope::Shared, Cause::Physics, &mut |_, around| {
+        groups.add(&of_rig::CLEARANCE, Scope::Shared, Cause::Physics, |around| {
             Ok(vec![around.slope(CLEARANCE_STEP_M, |model, _| {
                 model.effects.push((clearance, vec![CLEARANCE_STEP_M / MM]));
                 Ok(())
             })?])
         })?;
     }
-    groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
-    Ok(groups)
+    Ok(groups.shown())
+}
+
+/// A wave over depth.
+fn wave(k: usize, depth_m: f64) -> f64 {
+    (k as f64 * PI * depth_m / SMOOTH_M).cos()
+}
+
+/// The shape larger by a share that is a wave over depth.
+fn proportional(around: &Around<'_>, k: usize) -> Vec<f64> {
+    around.each(
+        |i, datum| {
+            if part(around, i).force { 0.0 } else { around.predicted[i] * wave(k, datum.place.depth_m) }
+        },
+    )
+}
+
+/// A pattern of the force that depends on the predicted one, N.
+fn force(around: &Around<'_>, pattern: impl Fn(f64) -> f64) -> Vec<f64> {
+    around.each(|i, _| if part(around, i).force { pattern(around.predicted[i]) } else { 0.0 })
 }
 
 fn depth_mm(around: &Around<'_>) -> i64 {
@@ -261,17 +254,17 @@ fn largest_force_n(around: &Around<'_>) -> f64 {
 fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
     let mut lag_n = vec![0.0; around.predicted.len()];
     for plane in [0, 1] {
-        let time_s = |i: usize| around.run.data[i].place.time_s;
-        let mut order: Vec<usize> = (0..around.predicted.len())
+        let mut times_s: Vec<(usize, f64)> = (0..around.predicted.len())
             .filter(|i| {
                 let is_part = part(around, *i);
                 is_part.force && is_part.plane == plane
             })
+            .map(|i| (i, around.run.data[i].place.time_s))
             .collect();
-        order.sort_by(|a, b| time_s(*a).total_cmp(&time_s(*b)));
+        times_s.sort_by(|a, b| a.1.total_cmp(&b.1));
         let mut last: Option<(f64, f64, f64)> = None;
-        for i in order {
-            let (now_s, force_n) = (time_s(i), around.predicted[i]);
+        for (i, now_s) in times_s {
+            let force_n = around.predicted[i];
             // Between readings the force is taken as linear in time.
             let smoothed_n = match last {
                 Some((before_s, before_n, smoothed_n)) if now_s > before_s => {
@@ -309,31 +302,22 @@ fn slices_alike(count: usize) -> DMatrix<f64> {
 /// Change of the prediction by the logarithm of the modulus in every slice, as springs have it, and mixed.
 fn by_slices(around: &Around<'_>, mix: &DMatrix<f64>) -> Result<Vec<Vec<f64>>, ModelError> {
     let modulus_pa = around.model.foundation.modulus_pa(0.5 * around.run.depth_m).max(1.0);
-    let of_slice = |slice: usize| {
+    let uniform = on_foundation(around, Foundation::uniform(modulus_pa)?)?;
+    let mut slopes: Vec<Vec<f64>> = Vec::with_capacity(mix.nrows());
+    for slice in 0..mix.nrows() {
         let (top_m, bottom_m) = (SLICE_M * slice as f64, SLICE_M * (slice + 1) as f64);
         if top_m >= around.run.depth_m {
-            return Ok(vec![0.0; around.predicted.len()]);
+            slopes.push(vec![0.0; around.predicted.len()]);
+            continue;
         }
         let mut layers = vec![Layer { bottom_m, modulus_pa: modulus_pa * LN_STEP.exp() }];
         if slice > 0 {
             layers.insert(0, Layer { bottom_m: top_m, modulus_pa });
         }
-        let predict = |foundation: Foundation| {
-            let mut model = around.model.clone();
-            model.effects.clear();
-            model.foundation = foundation;
-            let channels = predict_with(&model, &around.run.experiment, around.cache)?;
-            Ok::<_, ModelError>(predicted(around.run, &channels))
-        };
-        let uniform = predict(Foundation::uniform(modulus_pa)?)?;
-        let (layered, uniform_predicted) = (predict(Foundation::layered(layers, modulus_pa)?)?, uniform);
-        Ok(layered
-            .iter()
-            .zip(uniform_predicted)
-            .map(|(layered, uniform_predicted)| (layered - uniform_predicted) / LN_STEP)
-            .collect())
-    };
-    let slopes: Vec<Vec<f64>> = (0..mix.nrows()).map(of_slice).collect::<Result<_, ModelError>>()?;
+        let layered = on_foundation(around, Foundation::layered(layers, modulus_pa)?)?;
+        slopes
+            .push(layered.iter().zip(&uniform).map(|(layered, plain)| (layered - plain) / LN_STEP).collect());
+    }
     Ok((0..mix.ncols())
         .map(|column| {
             let mut sum = vec![0.0; around.predicted.len()];
@@ -343,6 +327,14 @@ fn by_slices(around: &Around<'_>, mix: &DMatrix<f64>) -> Result<Vec<Vec<f64>>, M
             sum
         })
         .collect())
+}
+
+/// Predictions of a run on springs without effects.
+fn on_foundation(around: &Around<'_>, foundation: Foundation) -> Result<Vec<f64>, ModelError> {
+    let mut model = around.model.clone();
+    model.effects.clear();
+    model.foundation = foundation;
+    Ok(predicted(around.run, &predict_with(&model, &around.run.experiment, around.cache)?))
 }
 
 /// The plane that is not driven reads a share of the driven one: force and shape, alike and opposite in runs along both axes.

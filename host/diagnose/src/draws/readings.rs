@@ -113,24 +113,24 @@ fn add_run(run: &Prepared, predicted: &DMatrix<f64>, likely: &DMatrix<f64>, draw
         let dimension = format!("{of_reference}{}.{}", run.run.id, channel.name());
         let name = format!("{dimension}_{}", channel.unit().to_lowercase());
         draws.coordinate(&dimension, (0..of_channel.len()).map(|number| number as f64).collect());
-        let rows = |columns: &DMatrix<f64>, scale: f64| -> Vec<Vec<f64>> {
-            (0..columns.ncols())
-                .map(|draw| of_channel.iter().map(|(i, _)| scale * columns[(*i, draw)]).collect())
-                .collect()
-        };
-        draws.list(Group::PosteriorPredictive, &name, &dimension, rows(predicted, channel.per_si()));
-        draws.list(Group::LogLikelihood, &name, &dimension, rows(likely, 1.0));
-        let mut list = |group: Group, name: &str, value: &dyn Fn(&Datum) -> f64| {
-            let values = of_channel.iter().map(|(_, datum)| value(datum)).collect();
-            draws.list(group, name, &dimension, vec![values]);
-        };
-        list(Group::ObservedData, &name, &|datum| channel.per_si() * datum.measured);
-        list(Group::ConstantData, &format!("{dimension}.depth_mm"), &|datum| 1e3 * datum.place.depth_m);
+        for (group, columns, scale) in
+            [(Group::PosteriorPredictive, predicted, channel.per_si()), (Group::LogLikelihood, likely, 1.0)]
+        {
+            let rows =
+                columns.column_iter().map(|draw| of_channel.iter().map(|(i, _)| scale * draw[*i]).collect());
+            draws.list(group, &name, &dimension, rows.collect());
+        }
+        let data = of_channel.iter().map(|(_, datum)| *datum);
+        let measured = data.clone().map(|datum| channel.per_si() * datum.measured).collect();
+        draws.list(Group::ObservedData, &name, &dimension, vec![measured]);
+        let mut coordinates: Vec<(&str, Vec<f64>)> =
+            vec![("depth_mm", data.clone().map(|datum| 1e3 * datum.place.depth_m).collect())];
         if !channel.is_of_insertions() {
-            list(Group::ConstantData, &format!("{dimension}.time_s"), &|datum| datum.place.time_s);
-            list(Group::ConstantData, &format!("{dimension}.displacement_mm"), &|datum| {
-                1e3 * datum.place.level_m
-            });
+            coordinates.push(("time_s", data.clone().map(|datum| datum.place.time_s).collect()));
+            coordinates.push(("displacement_mm", data.map(|datum| 1e3 * datum.place.level_m).collect()));
+        }
+        for (coordinate, values) in coordinates {
+            draws.list(Group::ConstantData, &format!("{dimension}.{coordinate}"), &dimension, vec![values]);
         }
     }
 }

@@ -29,18 +29,17 @@ impl Fitted {
         let is_depth = !info.nodes.is_empty() && info.name == "depth_mm" && !of.info().observable_in.lateral;
         let spacing =
             if is_depth { self.layout.spacing_m(MM * outside_value).unwrap_or(0.0) / MM } else { 0.0 };
-        let end = |sds: f64| {
+        let ends = [-NORMAL_975, NORMAL_975].map(|sds| {
             let end = scale.outside(value + sds * sd);
-            let wider = || outside_value + (end - outside_value).hypot(spacing).copysign(sds);
-            if spacing > 0.0 { wider() } else { end }.clamp(least, most)
-        };
-        (outside_value, [end(-NORMAL_975), end(NORMAL_975)])
+            let wider = outside_value + (end - outside_value).hypot(spacing).copysign(sds);
+            if spacing > 0.0 { wider } else { end }.clamp(least, most)
+        });
+        (outside_value, ends)
     }
 
     /// Estimate of the modulus, Pa.
     pub fn modulus_pa(&self) -> (f64, [f64; 2]) {
-        let (value, sd) = (self.values[0], self.sd(0));
-        (value.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (value + sds * sd).exp()))
+        of_logarithm(self.values[0], self.sd(0))
     }
 
     /// Logarithm of the mean modulus, Pa, over the tissue down to a depth, and its standard deviation; nothing where the model makes no
@@ -53,23 +52,24 @@ impl Fitted {
 
     /// The same with its slopes along the parameters.
     pub fn ln_mean_modulus_slopes(&self, depth_m: f64) -> Option<(f64, DVector<f64>)> {
+        let mut slopes = DVector::zeros(self.values.len());
+        for i in 0..self.values.len() {
+            let step = SLOPE_SD * self.sd(i);
+            let [lower, upper] = [-step, step].map(|change| {
+                let mut values = self.values.clone();
+                values[i] += change;
+                self.ln_mean_modulus_at(&values, depth_m)
+            });
+            slopes[i] = (upper? - lower?) / (2.0 * step);
+        }
+        Some((self.ln_mean_modulus_at(&self.values, depth_m)?, slopes))
+    }
+
+    /// Logarithm of the mean modulus under other values.
+    fn ln_mean_modulus_at(&self, values: &[f64], depth_m: f64) -> Option<f64> {
         let kind = if self.layout.kinds[0] { Kind::Lateral } else { Kind::Insertion };
-        let mean_modulus = |values: &[f64]| {
-            let problem = self.layout.model(values, kind).and_then(|model| model.problem(depth_m)).ok()?;
-            Some(problem.foundation.mean_pa(depth_m).ln()).filter(|ln| ln.is_finite())
-        };
-        let slopes: Option<Vec<f64>> = (0..self.values.len())
-            .map(|i| {
-                let step = SLOPE_SD * self.sd(i);
-                let moved = |by: f64| {
-                    let mut values = self.values.clone();
-                    values[i] += by;
-                    mean_modulus(&values)
-                };
-                Some((moved(step)? - moved(-step)?) / (2.0 * step))
-            })
-            .collect();
-        Some((mean_modulus(&self.values)?, DVector::from_vec(slopes?)))
+        let problem = self.layout.model(values, kind).and_then(|model| model.problem(depth_m)).ok()?;
+        Some(problem.foundation.mean_pa(depth_m).ln()).filter(|ln| ln.is_finite())
     }
 
     /// The tip load, N, with its slopes along the parameters.
@@ -94,11 +94,11 @@ impl Fitted {
     /// Ratio of the modulus to that of the reference, and the reference's modulus, Pa; each with its interval of 95 %.
     pub fn beside_reference(&self) -> Option<[(f64, [f64; 2]); 2]> {
         let ratio_parameter = self.layout.ratio()?;
-        let ends = |ln: f64, sd: f64| (ln.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (ln + sds * sd).exp()));
         let [of_modulus, of_ratio] = [0, ratio_parameter].map(|i| self.covariance[(i, i)]);
         let variance = of_modulus + of_ratio - 2.0 * self.covariance[(0, ratio_parameter)];
-        let of_reference = ends(self.values[0] - self.values[ratio_parameter], variance.max(0.0).sqrt());
-        Some([ends(self.values[ratio_parameter], of_ratio.sqrt()), of_reference])
+        let of_reference =
+            of_logarithm(self.values[0] - self.values[ratio_parameter], variance.max(0.0).sqrt());
+        Some([of_logarithm(self.values[ratio_parameter], of_ratio.sqrt()), of_reference])
     }
 
     /// By how much the logarithm of the modulus would move were there noise alone, as far as the linearisation goes.
@@ -129,4 +129,9 @@ impl Fitted {
         let first = parameters.first()?;
         Some(prior_sd(first) * (spread - 2.0 * felt[0] + 1.0 - variance).max(0.0).sqrt())
     }
+}
+
+/// A quantity and its interval of 95 % by its logarithm.
+fn of_logarithm(ln: f64, sd: f64) -> (f64, [f64; 2]) {
+    (ln.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (ln + sds * sd).exp()))
 }
