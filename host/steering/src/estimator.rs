@@ -71,6 +71,8 @@ pub(crate) struct Hypothesis {
 
 /// Posterior of the tip at the target.
 pub(crate) struct AtTarget {
+    /// Law by which it is predicted.
+    pub law: CuttingLaw,
     /// Tip of both planes if nothing more is moved, m.
     pub tip_m: [f64; 2],
     /// Its derivatives with respect to all unknowns, per plane.
@@ -86,15 +88,16 @@ pub(crate) struct AtTarget {
 }
 
 impl Hypothesis {
-    pub fn new(unknowns: Unknowns, weight: f64) -> Self {
+    pub fn new(unknowns: Unknowns, tissue_known: bool) -> Self {
+        let ln_prior = unknowns.law.prior_weight().ln();
         let values = vec![0.0; unknowns.count()];
         Self {
             unknowns,
             values,
-            ln_prior: weight.ln(),
-            ln_evidence: weight.ln(),
+            ln_prior,
+            ln_evidence: ln_prior,
             misfit: 1.0,
-            tissue_known: false,
+            tissue_known,
             felt: Vec::new(),
             current: None,
             linearised: None,
@@ -240,6 +243,7 @@ impl Hypothesis {
                 })
                 .collect();
             return Ok(AtTarget {
+                law: self.law(),
                 tip_m: [0, 1].map(|plane: usize| tables::at(&paths[plane], last)),
                 rows,
                 way_rows: holds
