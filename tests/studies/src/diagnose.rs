@@ -12,6 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::time::Instant;
+use worlds::random::uniform;
 use worlds::{self as blind, Design, Foreign, Truth, strengths};
 
 /// Hidden effects of a session.
@@ -155,10 +156,6 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
 
 fn effect_of(id: &'static str, strength: usize) -> (&'static str, Vec<f64>) {
     (id, strengths(id).map(|all| all[strength].clone()).unwrap_or_default())
-}
-
-fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
-    low + (high - low) * random.random::<f64>()
 }
 
 fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {

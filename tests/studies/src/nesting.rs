@@ -6,8 +6,8 @@
 use population::{Observations, RandomEffects, random_effects};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+use worlds::random::normal;
 
 /// A design, and the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,10 +77,6 @@ impl Design {
         }
         data
     }
-}
-
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(random)
 }
 
 /// Shares of populations whose intervals hold the truth, and what goes with them. `None` where nothing is stated.

@@ -10,11 +10,11 @@ use inference::insertion::TipPath;
 use inference::insertion::published::published;
 use inference::predict::{Options, PredictError, predict};
 use mechanics::{Model, Needle, Rig};
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal, Uniform};
 use rayon::prelude::*;
 use serde::Serialize;
+use worlds::random::normal;
 use worlds::reciprocal::{STEP_M, STEPS_PER_MM, cut, influence, insertion_session};
 
 /// Insertions of one session.
@@ -176,24 +176,24 @@ impl Drawn {
 
 fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
     let guide2_m = 0.06;
-    let gap_m = uniform(0.015, 0.045, rng);
+    let gap_m = rng.random_range(0.015..0.045);
     let rig = Rig::two_guides(Needle::gauge_18(), guide2_m, guide2_m + gap_m);
-    let effective = Rig { entry_m: guide2_m + gap_m * normal(GAP_SD_LN, rng).exp(), ..rig.clone() };
-    let shared_angle_rad = normal(SHARED_ANGLE_SD_RAD, rng);
-    let modulus_pa = uniform(6e3, 18e3, rng);
-    let stated_modulus_pa = modulus_pa * normal(MODULUS_SD, rng).exp();
-    let noise_m = uniform(0.05e-3, 0.2e-3, rng);
-    let level_n = uniform(0.15, 0.25, rng);
+    let effective = Rig { entry_m: guide2_m + gap_m * (GAP_SD_LN * normal(rng)).exp(), ..rig.clone() };
+    let shared_angle_rad = SHARED_ANGLE_SD_RAD * normal(rng);
+    let modulus_pa = rng.random_range(6e3..18e3);
+    let stated_modulus_pa = modulus_pa * (MODULUS_SD * normal(rng)).exp();
+    let noise_m = rng.random_range(0.05e-3..0.2e-3);
+    let level_n = rng.random_range(0.15..0.25);
     let lines = influence(&effective, modulus_pa, LAST_MM)?;
     let (mut recorded, mut truth_m) = (Vec::new(), Vec::new());
     for _ in 0..INSERTIONS {
-        let angle_rad = shared_angle_rad + normal(ANGLE_SD_RAD, rng);
-        let mean_n = level_n * (1.0 + normal(0.1, rng));
+        let angle_rad = shared_angle_rad + ANGLE_SD_RAD * normal(rng);
+        let mean_n = level_n * (1.0 + 0.1 * normal(rng));
         let memory = (-STEP_M / MEMORY_M).exp();
-        let mut variation = normal(LOAD_SD, rng);
+        let mut variation = LOAD_SD * normal(rng);
         let load_n: Vec<f64> = (0..lines.len())
             .map(|_| {
-                variation = memory * variation + normal(LOAD_SD * (1.0 - memory * memory).sqrt(), rng);
+                variation = memory * variation + LOAD_SD * (1.0 - memory * memory).sqrt() * normal(rng);
                 mean_n * (1.0 + variation)
             })
             .collect();
@@ -205,7 +205,7 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
             .zip(straight)
             .map(|(u_m, straight_m)| u_m + straight_m)
             .collect();
-        recorded.push((tip_m.iter().map(|u_m| u_m + normal(noise_m, rng)).collect(), None, None));
+        recorded.push((tip_m.iter().map(|u_m| u_m + noise_m * normal(rng)).collect(), None, None));
         truth_m.push(tip_m);
     }
     Ok(Drawn {
@@ -213,14 +213,6 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
         given_pa: stated_modulus_pa,
         truth_m,
     })
-}
-
-fn normal(sd: f64, rng: &mut ChaCha8Rng) -> f64 {
-    Normal::new(0.0, sd).map_or(0.0, |normal| normal.sample(rng))
-}
-
-fn uniform(least: f64, most: f64, rng: &mut ChaCha8Rng) -> f64 {
-    Uniform::new(least, most).map_or(least, |range| range.sample(rng))
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use simulation::rig::steering::{Inclusion, Plan, Sensors, SteeringRig, Tissue, TissueLayer, Truth};
+use worlds::random::uniform;
 
 /// Speeds of insertion, mm/s.
 pub(super) const SPEEDS_MM_S: [f64; 3] = [8.0, 4.0, 2.0];
@@ -199,10 +200,6 @@ fn draw(seed: u64, number: u64) -> Tissue {
         })
         .collect();
     Tissue { layers, inclusions }
-}
-
-fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
-    low + (high - low) * random.random::<f64>()
 }
 
 fn log_uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {

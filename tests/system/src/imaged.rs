@@ -17,6 +17,7 @@ use simulation::rig::scanner::{Scan, ScannerConfig};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use table::table;
+use worlds::random::uniform;
 use worlds::{Design, LateralPlan, NoisePlan, Truth};
 
 const RUN: &str = "d-1";
@@ -213,10 +214,6 @@ fn count_of_states(is_used: bool, states: [&Value; 2]) -> usize {
         .filter(|(state, _)| (*state == "used") == is_used)
         .filter_map(|(_, count)| count.as_u64())
         .sum::<u64>() as usize
-}
-
-fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
-    low + (high - low) * random.random::<f64>()
 }
 
 /// The run of a session that has one.

@@ -1,10 +1,10 @@
 //! A background at work: what its imperfections are in every run, plane and place.
 
 use super::background::{Background, Imperfection as I, si};
+use super::random::{normal, uniform};
 use super::world::{Inhomogeneity, Wave, World};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
 
 /// Ranges that places, lengths and times of imperfections are drawn from, metres, seconds and hertz.
@@ -37,7 +37,7 @@ struct Draw(ChaCha8Rng);
 
 impl Draw {
     fn within(&mut self, [low, high]: [f64; 2]) -> f64 {
-        low + (high - low) * self.0.random::<f64>()
+        uniform(low, high, &mut self.0)
     }
 
     fn sign(&mut self) -> f64 {
@@ -45,8 +45,7 @@ impl Draw {
     }
 
     fn normal(&mut self) -> f64 {
-        let draw: f64 = StandardNormal.sample(&mut self.0);
-        draw.clamp(-MAX_SD, MAX_SD)
+        normal(&mut self.0).clamp(-MAX_SD, MAX_SD)
     }
 
     /// Waves of these lengths with a root mean square of 1 together.

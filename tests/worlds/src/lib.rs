@@ -14,6 +14,7 @@
 //! | `lateral` | a lateral run marched in time |
 //! | `insertion` | the path of the tip |
 //! | `sensors` | what the instruments make of it |
+//! | [`random`] | normal and uniform random numbers |
 //! | `background`, `flaws`, `ordinary` | small imperfections: kinds and sizes, what they are in each run, sets of them that pass unnoticed |
 //! | `body` | tissue as an elastic body, from a solver of its own |
 //! | [`finite_elements`] | the needle by Hermite finite elements |
@@ -35,6 +36,7 @@ mod gap;
 mod insertion;
 mod lateral;
 mod ordinary;
+pub mod random;
 pub mod reciprocal;
 mod sensors;
 pub mod steering;

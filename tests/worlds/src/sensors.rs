@@ -5,13 +5,13 @@ use super::design::{ImagePlan, InsertionPlan, LateralPlan, NoisePlan};
 use super::flaws::Flaws;
 use super::insertion::{acting, commanded_m, tip_path};
 use super::lateral::Motion;
+use super::random::normal;
 use super::world::World;
 use super::{Foreign, MM};
 use formats::session::{ForceSeries, InsertionRun, LateralRun, ShapeSeries};
 use mechanics::ShapeImage;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::{PI, TAU};
 
 /// Shares of the variance that are correlated.
@@ -68,7 +68,7 @@ impl Random {
     }
 
     fn normal(&mut self) -> f64 {
-        StandardNormal.sample(&mut self.0)
+        normal(&mut self.0)
     }
 
     fn uniform(&mut self) -> f64 {

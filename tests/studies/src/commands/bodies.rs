@@ -13,6 +13,7 @@ use mechanics::effects::effect;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use worlds::body::{Bodies, Body};
+use worlds::random::uniform;
 use worlds::{Background, Design, Truth, on_all_cores, session_on, touched_modulus};
 
 /// Kinds of tissue.
@@ -108,10 +109,6 @@ fn drawn(tissue: Tissue, seed: u64, number: usize, bodies: &Bodies) -> Result<Dr
         _ => vec![touched_kpa, ratio * touched_kpa, ratio, boundary_mm],
     };
     Ok(Drawn { session, poisson, truth })
-}
-
-fn uniform(low: f64, high: f64, random: &mut ChaCha8Rng) -> f64 {
-    low + (high - low) * random.random::<f64>()
 }
 
 /// Values with their intervals, and the foundation that was used.

@@ -8,8 +8,8 @@ use formats::NORMAL_975;
 use inference::diagnose::{CharacterizeOptions, Standing, characterize};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use std::collections::BTreeMap;
+use worlds::random::normal;
 use worlds::{Design, Truth, on_all_cores, session, strengths};
 
 /// Possible effects of a rig; each has half of them.
@@ -107,13 +107,9 @@ fn drawn_rig(random: &mut ChaCha8Rng) -> Option<Effects> {
             effects.push((id, weak.iter().zip(&strong).map(|(a, b)| a + quantile * (b - a)).collect()));
         }
     }
-    effects.push(("sensor.force_gain", vec![normal(GAIN_SD, random)]));
-    effects.push(("needle.stiffness", vec![normal(STIFFNESS_SD, random)]));
+    effects.push(("sensor.force_gain", vec![GAIN_SD * normal(random)]));
+    effects.push(("needle.stiffness", vec![STIFFNESS_SD * normal(random)]));
     Some(effects)
-}
-
-fn normal(sd: f64, random: &mut ChaCha8Rng) -> f64 {
-    sd * Distribution::<f64>::sample(&StandardNormal, random)
 }
 
 /// Statements about the rig.

@@ -14,6 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use simulation::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use worlds::random::uniform;
 use worlds::{Background, Design, NoisePlan, Truth, on_all_cores, session_on};
 
 const MM: f64 = 1e-3;
@@ -131,9 +132,10 @@ impl Outcome {
 
 fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
     let mut random = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(number as u64));
-    let k_kpa = uniform([8.0, 20.0], &mut random);
-    let displacement_mm = uniform(DISPLACEMENT_MM, &mut random);
-    let [force_n, rate_hz] = [FORCE_N, RATE_HZ].map(|range| uniform(range.map(f64::ln), &mut random).exp());
+    let k_kpa = uniform(8.0, 20.0, &mut random);
+    let displacement_mm = uniform(DISPLACEMENT_MM[0], DISPLACEMENT_MM[1], &mut random);
+    let [force_n, rate_hz] =
+        [FORCE_N, RATE_HZ].map(|[low, high]| uniform(low.ln(), high.ln(), &mut random).exp());
     let noise = NoisePlan { displacement_mm, force_n, rate_hz: rate_hz.round(), ..NoisePlan::default() };
     let session = generator.session(k_kpa, &noise, random.random())?;
     let name = format!(
@@ -143,10 +145,6 @@ fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
     );
     let record = summarize_session(name, &session, &Labels::default(), number as u64);
     Ok(Outcome { displacement_mm, k_kpa, record })
-}
-
-fn uniform([low, high]: [f64; 2], random: &mut ChaCha8Rng) -> f64 {
-    low + (high - low) * random.random::<f64>()
 }
 
 /// Runs the study: a table, and a line for each session that is not found adequate.
@@ -191,21 +189,19 @@ fn row(like: &[Outcome]) -> Result<String> {
     let shared =
         population.shared_effects.iter().map(|one| format!("{} p {:.1e}", one.effect, one.p_adjusted));
     let spread = population.spread.iter().map(|one| format!("{} {:?}", one.effect, one.kind));
-    let named: Vec<String> = shared.chain(spread).collect();
+    let by_population: Vec<String> = shared.chain(spread).collect();
+    let named = like.iter().filter(|one| ["named", "ambiguous"].contains(&one.verdict())).count();
+    let unexplained = like.iter().filter(|one| ["unexplained", "failed"].contains(&one.verdict())).count();
     Ok([
         format!("{:.3} to {:.3}", noise_mm(like.first()), noise_mm(like.last())),
         like.len().to_string(),
-        count_where(like, &|one| ["named", "ambiguous"].contains(&one.verdict())),
-        count_where(like, &|one| ["unexplained", "failed"].contains(&one.verdict())),
-        count_where(like, &Outcome::holds_k),
+        named.to_string(),
+        unexplained.to_string(),
+        like.iter().filter(|one| one.holds_k()).count().to_string(),
         format!("{:.2} +- {:.2}", 1e3 * score / information, 1e3 / information.sqrt()),
-        if named.is_empty() { "nothing".to_owned() } else { named.join(", ") },
+        if by_population.is_empty() { "nothing".to_owned() } else { by_population.join(", ") },
     ]
     .join(" | "))
-}
-
-fn count_where(like: &[Outcome], is: &dyn Fn(&Outcome) -> bool) -> String {
-    like.iter().filter(|one| is(one)).count().to_string()
 }
 
 fn noise_mm(one: Option<&Outcome>) -> f64 {

@@ -247,14 +247,11 @@ fn confusion(outcomes: &[Outcome]) -> String {
         "| hidden | sessions | named | in a class | adequate | unexplained | covered | else named or in the class |\n|---|---|---|---|---|---|---|---|\n",
     );
     for (row, of_row) in rows {
-        let named = count_where(
-            &|o| !hidden_ids(o).is_empty() && hidden_ids(o).iter().all(|id| is_named(o, id)),
-            &of_row,
-        );
-        let classed = count_where(
-            &|o| !hidden_ids(o).is_empty() && hidden_ids(o).iter().all(|id| is_in_class(o, id)),
-            &of_row,
-        ) - named;
+        let with_hidden = of_row.iter().filter(|o| !hidden_ids(o).is_empty());
+        let [named, named_or_classed] = [is_named, is_in_class].map(|is_found| {
+            with_hidden.clone().filter(|o| hidden_ids(o).iter().all(|id| is_found(o, id))).count()
+        });
+        let classed = named_or_classed - named;
         let mut wrong_names: BTreeMap<&str, usize> = BTreeMap::new();
         for outcome in &of_row {
             let mentioned = outcome.named.iter().flat_map(|(_, class)| class);
@@ -271,17 +268,13 @@ fn confusion(outcomes: &[Outcome]) -> String {
             text,
             "| {row} | {} | {named} | {classed} | {} | {} | {covered_count} of {} | {} |",
             of_row.len(),
-            count_where(&|o| o.verdict == Verdict::Adequate, &of_row),
-            count_where(&|o| o.verdict == Verdict::Unexplained, &of_row),
+            of_row.iter().filter(|o| o.verdict == Verdict::Adequate).count(),
+            of_row.iter().filter(|o| o.verdict == Verdict::Unexplained).count(),
             intervals.len(),
             wrong_texts.join(", ")
         );
     }
     text
-}
-
-fn count_where(good: &dyn Fn(&Outcome) -> bool, of_row: &[&Outcome]) -> usize {
-    of_row.iter().filter(|o| good(o)).count()
 }
 
 fn hidden_ids(o: &Outcome) -> Vec<&str> {

@@ -4,7 +4,7 @@ use anyhow::Result;
 use inference::indentation::{Contact, Indenter, indented};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
+use worlds::random::normal;
 
 /// Rows of a curve.
 const ROWS: u32 = 120;
@@ -55,10 +55,6 @@ fn judged(indenter: Indenter, is_before: bool, random: &mut ChaCha8Rng) -> Judge
         .collect();
     let indentation = indented(&contact, &depth_m, &forces).ok()?;
     indentation.ci95_pa.map(|ends| (ends, youngs_pa))
-}
-
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(random)
 }
 
 /// Prints the table.

@@ -165,13 +165,13 @@ pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
         let ends: Vec<(&str, &Ended)> = all.iter().map(|(hidden, ends)| (*hidden, &ends[place])).collect();
         println!(
             "| {name} | {} of {sessions} | {} | {} | {} | {:.0} | {:.0} | {} | {:.1} % |",
-            count_where(&is_right, &ends),
-            count_where(&|id, end| names_effect(id, end) && !is_right(id, end), &ends),
-            count_where(&|id, end| !end.named.is_empty() && !names_effect(id, end), &ends),
-            count_where(&|_, end| end.named.is_empty(), &ends),
+            ends.iter().filter(|(id, end)| is_right(id, end)).count(),
+            ends.iter().filter(|(id, end)| names_effect(id, end) && !is_right(id, end)).count(),
+            ends.iter().filter(|(id, end)| !end.named.is_empty() && !names_effect(id, end)).count(),
+            ends.iter().filter(|(_, end)| end.named.is_empty()).count(),
             median_of(&|end| end.runs as f64, &ends),
             median_of(&|end| end.minutes, &ends),
-            count_where(&|_, end| end.k_is_held, &ends),
+            ends.iter().filter(|(_, end)| end.k_is_held).count(),
             median_of(&|end| 1e2 * end.width, &ends)
         );
     }
@@ -190,10 +190,6 @@ fn names_effect(id: &str, end: &Ended) -> bool {
 
 fn is_right(id: &str, end: &Ended) -> bool {
     end.named == [[id.to_owned()]]
-}
-
-fn count_where(is: &dyn Fn(&str, &Ended) -> bool, ends: &[(&str, &Ended)]) -> usize {
-    ends.iter().filter(|(id, end)| is(id, end)).count()
 }
 
 fn line(one: &Ended) -> String {

@@ -93,9 +93,9 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
         removed.sort_by(f64::total_cmp);
         println!(
             "| {name} | {} of {sessions} | {} | {} | {:.2?} |",
-            count_where(&|one| one.found, &outcomes),
-            count_where(&|one| one.right, &outcomes),
-            count_where(&|one| one.held, &outcomes),
+            outcomes.iter().filter(|one| one.found).count(),
+            outcomes.iter().filter(|one| one.right).count(),
+            outcomes.iter().filter(|one| one.held).count(),
             removed.get(removed.len() / 2)
         );
         outcomes
@@ -104,8 +104,4 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
             .for_each(|one| eprintln!("{}", one.line));
     }
     Ok(())
-}
-
-fn count_where(is: &dyn Fn(&Outcome) -> bool, outcomes: &[Outcome]) -> usize {
-    outcomes.iter().filter(|one| is(one)).count()
 }

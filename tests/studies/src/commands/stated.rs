@@ -134,12 +134,12 @@ pub fn run(sessions: usize, seed: u64, only: &str) -> Result<()> {
         println!(
             "| {} | {} of {sessions} | {} | {:.1}, {:.1} | {} | {} |",
             stated.name(),
-            count_where(&|one| one.held[0], &outcomes),
-            count_where(&|one| one.held[1], &outcomes),
+            outcomes.iter().filter(|one| one.held[0]).count(),
+            outcomes.iter().filter(|one| one.held[1]).count(),
             median_width_percent(0, &outcomes),
             median_width_percent(1, &outcomes),
-            count_where(&|one| one.in_class, &outcomes),
-            count_where(&|one| one.adequate_and_missed, &outcomes)
+            outcomes.iter().filter(|one| one.in_class).count(),
+            outcomes.iter().filter(|one| one.adequate_and_missed).count()
         );
         if !only.is_empty() {
             outcomes.iter().for_each(|one| eprintln!("{}", one.line));
@@ -152,8 +152,4 @@ fn median_width_percent(at: usize, outcomes: &[Outcome]) -> f64 {
     let mut widths: Vec<f64> = outcomes.iter().map(|one| one.width[at]).collect();
     widths.sort_by(f64::total_cmp);
     1e2 * widths.get(widths.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-fn count_where(is: &dyn Fn(&Outcome) -> bool, outcomes: &[Outcome]) -> usize {
-    outcomes.iter().filter(|one| is(one)).count()
 }

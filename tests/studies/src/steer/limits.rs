@@ -182,10 +182,10 @@ pub fn row(tissues: Tissues, halved: Halved, target: Target, runs: &[LimitedRun]
         quantile(0.5, &misses),
         quantile(0.95, &misses),
         100.0 * misses.iter().filter(|mm| **mm > 2.0).count() as f64 / misses.len().max(1) as f64,
-        count_where(&|run| run.refused, runs),
-        count_where(&|run| run.stopped, runs),
-        count_where(&misses_in_silence, runs),
-        count_where(&|run| run.broken > 0, runs),
+        runs.iter().filter(|run| run.refused).count(),
+        runs.iter().filter(|run| run.stopped).count(),
+        runs.iter().filter(|run| misses_in_silence(run)).count(),
+        runs.iter().filter(|run| run.broken > 0).count(),
         calibration(0, runs),
         calibration(1, runs),
         calibration(2, runs)
@@ -211,8 +211,4 @@ fn mean_percent(value: fn(&Judged) -> f64, stated_and_miss: &[([f64; 2], f64)]) 
 fn quantile(share: f64, misses: &[f64]) -> f64 {
     let quantile_index = (share * misses.len().saturating_sub(1) as f64).round() as usize;
     misses.get(quantile_index).copied().unwrap_or(f64::NAN)
-}
-
-fn count_where(is: &dyn Fn(&LimitedRun) -> bool, runs: &[LimitedRun]) -> usize {
-    runs.iter().filter(|run| is(run)).count()
 }

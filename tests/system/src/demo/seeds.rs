@@ -160,26 +160,24 @@ fn steered_summary(all: &[Steered]) -> String {
 /// The counts as a table.
 fn summary(all: &[Found]) -> String {
     let rows = [
-        ("named alone", count_where(&|found| found.is_named(), all)),
-        ("named or in the class", count_where(&|found| found.is_in_class(), all)),
-        ("something else named", count_where(&|found| !found.further().is_empty(), all)),
-        ("nothing named", count_where(&|found| found.classes().is_empty(), all)),
+        ("named alone", all.iter().filter(|found| found.is_named()).count()),
+        ("named or in the class", all.iter().filter(|found| found.is_in_class()).count()),
+        ("something else named", all.iter().filter(|found| !found.further().is_empty()).count()),
+        ("nothing named", all.iter().filter(|found| found.classes().is_empty()).count()),
         (
             "modulus within 3 %",
-            count_where(&|found| found.modulus_error().is_some_and(|(off, _)| off.abs() <= NEAR), all),
+            all.iter()
+                .filter(|found| found.modulus_error().is_some_and(|(off, _)| off.abs() <= NEAR))
+                .count(),
         ),
         (
             "true modulus in its 95 % interval",
-            count_where(&|found| found.modulus_error().is_some_and(|(_, holds)| holds), all),
+            all.iter().filter(|found| found.modulus_error().is_some_and(|(_, holds)| holds)).count(),
         ),
     ];
     let rows: Vec<String> =
         rows.iter().map(|(what, count)| format!("| {what} | {count} of {} |", all.len())).collect();
     format!("| hidden behind small imperfections | rigs |\n|---|---|\n{}", rows.join("\n"))
-}
-
-fn count_where(good: &dyn Fn(&Found) -> bool, all: &[Found]) -> usize {
-    all.iter().filter(|found| good(found)).count()
 }
 
 #[cfg(test)]

@@ -8,11 +8,14 @@ pub(super) fn table(all: &[Imaged]) -> String {
     let rows = [
         (
             "true K in the interval of K from images",
-            format!("{} of {count}", count_where(&|one| one.of_images.holds(one.true_kpa), all)),
+            format!("{} of {count}", all.iter().filter(|one| one.of_images.holds(one.true_kpa)).count()),
         ),
         (
             "K from the true shape in the interval of K from images",
-            format!("{} of {count}", count_where(&|one| one.of_images.holds(one.of_truth.k_kpa), all)),
+            format!(
+                "{} of {count}",
+                all.iter().filter(|one| one.of_images.holds(one.of_truth.k_kpa)).count()
+            ),
         ),
         (
             "error of K, rms: images; true shape; shape as numbers, 0.025 mm a point",
@@ -121,10 +124,6 @@ fn most(value: &dyn Fn(&Imaged) -> f64, all: &[Imaged]) -> f64 {
 
 fn mean(value: &dyn Fn(&Imaged) -> f64, count: usize, all: &[Imaged]) -> f64 {
     all.iter().map(value).sum::<f64>() / count.max(1) as f64
-}
-
-fn count_where(good: &dyn Fn(&Imaged) -> bool, all: &[Imaged]) -> usize {
-    all.iter().filter(|one| good(one)).count()
 }
 
 #[cfg(test)]

@@ -2,12 +2,12 @@
 
 use super::needle::{Needle, Tip, Tissue};
 use super::sensor::{Body, Flaws, SimulatedPlant};
+use crate::random::normal;
 use ::steering::{
     Command, Limits, NeedleStatement, Plant, PlantError, PriorStatement, RigStatement, Statement,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// Hidden effect of a plant besides those that all have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,14 +93,14 @@ impl Kind {
 pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(number);
-    let prior_kpa = uniform(10.0, 40.0, &mut rng);
-    let prior_load_n = uniform(0.15, 0.4, &mut rng);
-    let gap_mm = uniform(15.0, 30.0, &mut rng).round();
+    let prior_kpa = rng.random_range(10.0..=40.0);
+    let prior_load_n = rng.random_range(0.15..=0.4);
+    let gap_mm = rng.random_range(15.0_f64..=30.0).round();
     let mut tissue = Tissue {
-        modulus_pa: 1e3 * prior_kpa * uniform(0.5, 1.5, &mut rng),
-        layers: vec![[1e-3 * uniform(15.0, 60.0, &mut rng), uniform(-0.7, 0.7, &mut rng).exp()]],
+        modulus_pa: 1e3 * prior_kpa * rng.random_range(0.5..=1.5),
+        layers: vec![[1e-3 * rng.random_range(15.0..=60.0), rng.random_range(-0.7_f64..=0.7).exp()]],
         gradient_per_m: 0.0,
-        skin_n_per_m: uniform(0.0, 800.0, &mut rng),
+        skin_n_per_m: rng.random_range(0.0..=800.0),
         yield_n_per_m: f64::INFINITY,
         yield_depth_m: 0.01,
         relaxing: 0.0,
@@ -108,27 +108,27 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
         anisotropy: 1.0,
         shear_n: 0.0,
     };
-    if uniform(0.0, 1.0, &mut rng) < 0.5 {
-        tissue.yield_n_per_m = uniform(40.0, 90.0, &mut rng);
+    if rng.random_range(0.0..=1.0) < 0.5 {
+        tissue.yield_n_per_m = rng.random_range(40.0..=90.0);
     } else {
-        tissue.relaxing = uniform(0.1, 0.4, &mut rng);
-        tissue.relaxation_s = uniform(1.0, 10.0, &mut rng);
+        tissue.relaxing = rng.random_range(0.1..=0.4);
+        tissue.relaxation_s = rng.random_range(1.0..=10.0);
     }
-    let mut sign = |size: f64| if uniform(0.0, 1.0, &mut rng) < 0.5 { size } else { -size };
+    let mut sign = |size: f64| if rng.random_range(0.0..=1.0) < 0.5 { size } else { -size };
     let mut flaws = Flaws::default();
     let signs = [sign(1.0), sign(1.0), sign(1.0), sign(1.0), sign(1.0)];
-    flaws.play_mm = uniform(0.02, 0.1, &mut rng);
-    flaws.guide_offset_mm = [uniform(-0.15, 0.15, &mut rng), uniform(-0.15, 0.15, &mut rng)];
-    flaws.lead = uniform(-0.008, 0.008, &mut rng);
+    flaws.play_mm = rng.random_range(0.02..=0.1);
+    flaws.guide_offset_mm = [rng.random_range(-0.15..=0.15), rng.random_range(-0.15..=0.15)];
+    flaws.lead = rng.random_range(-0.008..=0.008);
     flaws.bad = 0.05;
-    flaws.force_offset_n = [uniform(-0.1, 0.1, &mut rng), uniform(-0.1, 0.1, &mut rng)];
-    let mean_n = prior_load_n * uniform(0.6, 1.4, &mut rng);
-    let memory_mm = uniform(20.0, 50.0, &mut rng);
-    let (tip_noise_mm, bevel_deg) = (uniform(0.1, 0.3, &mut rng), uniform(-180.0, 180.0, &mut rng));
+    flaws.force_offset_n = [rng.random_range(-0.1..=0.1), rng.random_range(-0.1..=0.1)];
+    let mean_n = prior_load_n * rng.random_range(0.6..=1.4);
+    let memory_mm = rng.random_range(20.0_f64..=50.0);
+    let (tip_noise_mm, bevel_deg) = (rng.random_range(0.1..=0.3), rng.random_range(-180.0..=180.0));
     let [stiff, size, angle] = [
-        uniform(0.5, 1.0, &mut rng),
-        uniform(0.5, 1.0, &mut rng),
-        uniform(0.0, std::f64::consts::TAU, &mut rng),
+        rng.random_range(0.5..=1.0),
+        rng.random_range(0.5..=1.0),
+        rng.random_range(0.0..=std::f64::consts::TAU),
     ];
     flaws.slope = [0.010 * normal(&mut rng), 0.010 * normal(&mut rng)];
     let (mut parallel, mut perpendicular) = (normal(&mut rng), normal(&mut rng));
@@ -207,14 +207,6 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
         }),
     };
     SimulatedPlant::new(stated, needle, flaws, rng)
-}
-
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(rng)
-}
-
-fn uniform(low: f64, high: f64, rng: &mut ChaCha8Rng) -> f64 {
-    rng.random_range(low..=high)
 }
 
 /// A point that the plant's needle reaches with two rotations and without guide moves, mm: the end of a run of its own.

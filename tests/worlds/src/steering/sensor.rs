@@ -1,10 +1,10 @@
 //! Actuators, sensors and rules of the plant.
 
 use super::needle::Needle;
+use crate::random::normal;
 use ::steering::{Answer, Command, End, LimitViolations, Plant, PlantError, Statement};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 
 /// A needle in its tissue, marched in time.
@@ -130,7 +130,7 @@ impl<N: Body> SimulatedPlant<N> {
     }
 
     fn normal(&mut self) -> f64 {
-        StandardNormal.sample(&mut self.rng)
+        normal(&mut self.rng)
     }
 
     fn advance(&mut self, to: &Command) {

@@ -2,12 +2,12 @@
 
 use super::sensor::{Body, Flaws, SimulatedPlant};
 use super::tied::{TiedNeedle, Ties};
+use crate::random::normal;
 use ::steering::{
     Command, Limits, NeedleStatement, Plant, PlantError, PriorStatement, RigStatement, Statement,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// Growth of the load's random walk, share of the load per square root of a millimetre.
 const WANDER: f64 = 0.015;
@@ -31,15 +31,15 @@ pub fn tied_world(tissues: Tissues, seed: u64, number: u64) -> SimulatedPlant<Ti
 pub fn tied_sibling(tissues: Tissues, seed: u64, number: u64, hidden: u64) -> SimulatedPlant<TiedNeedle> {
     let mut stated_rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0071_6564);
     stated_rng.set_stream(number);
-    let prior_kpa = uniform(10.0, 40.0, &mut stated_rng);
-    let prior_load_n = uniform(0.15, 0.4, &mut stated_rng);
-    let gap_mm = uniform(15.0, 30.0, &mut stated_rng).round();
+    let prior_kpa = stated_rng.random_range(10.0..=40.0);
+    let prior_load_n = stated_rng.random_range(0.15..=0.4);
+    let gap_mm = stated_rng.random_range(15.0_f64..=30.0).round();
     let (tip_noise_mm, bevel_deg) =
-        (uniform(0.1, 0.3, &mut stated_rng), uniform(-180.0, 180.0, &mut stated_rng));
+        (stated_rng.random_range(0.1..=0.3), stated_rng.random_range(-180.0..=180.0));
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6869_6464 ^ hidden.wrapping_mul(0x9E37_79B9_7F4A_7C15));
     rng.set_stream(number);
     let mut ties = Ties {
-        modulus_pa: 1e3 * prior_kpa * uniform(0.5, 1.5, &mut rng),
+        modulus_pa: 1e3 * prior_kpa * rng.random_range(0.5..=1.5),
         layers: Vec::new(),
         skin_n_per_m: 0.0,
         yield_n_per_m: [f64::INFINITY, 0.0],
@@ -47,23 +47,23 @@ pub fn tied_sibling(tissues: Tissues, seed: u64, number: u64, hidden: u64) -> Si
     };
     if tissues == Tissues::Standard {
         ties.layers.push([
-            1e-3 * uniform(15.0, 60.0, &mut rng),
-            uniform(0.5_f64.ln(), 2.0_f64.ln(), &mut rng).exp(),
+            1e-3 * rng.random_range(15.0..=60.0),
+            rng.random_range(0.5_f64.ln()..=2.0_f64.ln()).exp(),
         ]);
-        ties.skin_n_per_m = uniform(0.0, 600.0, &mut rng);
-        if uniform(0.0, 1.0, &mut rng) < 0.5 {
-            ties.yield_n_per_m = [uniform(40.0, 90.0, &mut rng), uniform(2e3, 6e3, &mut rng)];
+        ties.skin_n_per_m = rng.random_range(0.0..=600.0);
+        if rng.random_range(0.0..=1.0) < 0.5 {
+            ties.yield_n_per_m = [rng.random_range(40.0..=90.0), rng.random_range(2e3..=6e3)];
         } else {
-            ties.relaxing = [uniform(0.1, 0.4, &mut rng), uniform(1.0, 10.0, &mut rng)];
+            ties.relaxing = [rng.random_range(0.1..=0.4), rng.random_range(1.0..=10.0)];
         }
     }
-    let mean_n = prior_load_n * uniform(0.6, 1.4, &mut rng);
+    let mean_n = prior_load_n * rng.random_range(0.6..=1.4);
     let mut flaws = Flaws {
-        play_mm: uniform(0.02, 0.1, &mut rng),
-        guide_offset_mm: [uniform(-0.15, 0.15, &mut rng), uniform(-0.15, 0.15, &mut rng)],
-        lead: uniform(-0.008, 0.008, &mut rng),
+        play_mm: rng.random_range(0.02..=0.1),
+        guide_offset_mm: [rng.random_range(-0.15..=0.15), rng.random_range(-0.15..=0.15)],
+        lead: rng.random_range(-0.008..=0.008),
         bad: 0.05,
-        force_offset_n: [uniform(-0.1, 0.1, &mut rng), uniform(-0.1, 0.1, &mut rng)],
+        force_offset_n: [rng.random_range(-0.1..=0.1), rng.random_range(-0.1..=0.1)],
         ..Flaws::default()
     };
     // A needle's angle beyond 10 mrad would be seen before it is pushed.
@@ -113,14 +113,6 @@ pub fn tied_sibling(tissues: Tissues, seed: u64, number: u64, hidden: u64) -> Si
     SimulatedPlant::new(stated, TiedNeedle::new(ties, 1e-3 * gap_mm), flaws, rng)
 }
 
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(rng)
-}
-
-fn uniform(low: f64, high: f64, rng: &mut ChaCha8Rng) -> f64 {
-    rng.random_range(low..=high)
-}
-
 /// A point at the edge of what a needle reaches, mm: the end of a run with two guide moves, as large as a share of its limits
 /// lets them be.
 ///
@@ -137,8 +129,8 @@ pub fn far_target<N: Body + Clone>(
     rng.set_stream(number);
     let travel_mm = share_of_limits * plant.stated.limits.guide_travel_mm;
     // Depth, and guide position from there on, as a share of the travel.
-    let moves = [[3.0, 20.0], [25.0, 55.0]].map(|[low, high]| {
-        (uniform(low, high, &mut rng).round(), [uniform(-1.0, 1.0, &mut rng), uniform(-1.0, 1.0, &mut rng)])
+    let moves = [[3.0_f64, 20.0], [25.0, 55.0]].map(|[low, high]| {
+        (rng.random_range(low..=high).round(), [rng.random_range(-1.0..=1.0), rng.random_range(-1.0..=1.0)])
     });
     let mut size = 1.0;
     loop {

@@ -57,10 +57,10 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
         println!(
             "| {name} | {} | {} | {} | {} | {} | {:.1} % |",
             hidden.len(),
-            fraction_text(count_where(&|one| one.class.is_some(), &hidden), hidden.len()),
-            fraction_text(count_where(&|one| one.class == Some(1), &hidden), hidden.len()),
-            fraction_text(count_where(&|one| one.is_false, &summaries), summaries.len()),
-            fraction_text(count_where(&|one| one.held, &summaries), summaries.len()),
+            fraction_text(hidden.iter().filter(|one| one.class.is_some()).count(), hidden.len()),
+            fraction_text(hidden.iter().filter(|one| one.class == Some(1)).count(), hidden.len()),
+            fraction_text(summaries.iter().filter(|one| one.is_false).count(), summaries.len()),
+            fraction_text(summaries.iter().filter(|one| one.held).count(), summaries.len()),
             100.0 * summaries.iter().map(|one| one.half_width).sum::<f64>() / summaries.len() as f64
         );
     }
@@ -81,10 +81,6 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
         eprintln!("named without only: {:?}", pair.hidden);
     }
     Ok(())
-}
-
-fn count_where(is: &dyn Fn(&Short) -> bool, list: &[Short]) -> usize {
-    list.iter().filter(|one| is(one)).count()
 }
 
 fn fraction_text(count: usize, of: usize) -> String {

@@ -166,16 +166,16 @@ pub fn confusion(outcomes: &[Outcome]) -> String {
             wrong_names.iter().map(|(id, count)| format!("{id} {count}")).collect();
         let intervals: Share = of_row.iter().flat_map(|o| o.covered()).map(|(_, good)| good).collect();
         let modulus: Share = of_row.iter().filter_map(|o| o.is_modulus_covered()).collect();
-        let alone = count_where(&|o| o.is_alone(), &of_row);
+        let alone = of_row.iter().filter(|o| o.is_alone()).count();
         let _ = writeln!(
             text,
             "| {name} | {} | {} | {alone} | {} | {} | {} | {} | {} | {} | {} |",
             of_row.len(),
-            count_where(&|o| o.is_due(), &of_row),
-            count_where(&|o| o.is_in_class(), &of_row) - alone,
-            count_where(&|o| o.is_missed(), &of_row),
-            count_where(&|o| o.is_wrong(), &of_row),
-            count_where(&|o| o.is_further_wrong(), &of_row),
+            of_row.iter().filter(|o| o.is_due()).count(),
+            of_row.iter().filter(|o| o.is_in_class()).count() - alone,
+            of_row.iter().filter(|o| o.is_missed()).count(),
+            of_row.iter().filter(|o| o.is_wrong()).count(),
+            of_row.iter().filter(|o| o.is_further_wrong()).count(),
             fraction(intervals),
             fraction(modulus),
             wrong_texts.join(", "),
@@ -186,8 +186,4 @@ pub fn confusion(outcomes: &[Outcome]) -> String {
 
 fn fraction(share: Share) -> String {
     format!("{} of {}", share.good, share.all)
-}
-
-fn count_where(good: &dyn Fn(&Outcome) -> bool, of_row: &[&Outcome]) -> usize {
-    of_row.iter().filter(|o| good(o)).count()
 }

@@ -3,10 +3,11 @@
 use super::marching::{Held, Needle, NodeLoads, PLAIN, STEP_M, Tip, node_at};
 use formats::session::{InsertionRun, Noise, Session};
 use mechanics::{Guides, Needle as Drawn, Rig};
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
+use worlds::random::uniform;
 
 const MM: f64 = 1e-3;
 /// Noise of a tip reading.
@@ -110,8 +111,7 @@ struct Random(ChaCha8Rng);
 
 impl Random {
     fn uniform(&mut self, least: f64, most: f64) -> f64 {
-        let fraction = (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        least + fraction * (most - least)
+        uniform(least, most, &mut self.0)
     }
 
     /// Standard normal, by Box and Muller.
