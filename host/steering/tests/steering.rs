@@ -174,8 +174,6 @@ fn a_needle_that_was_let_go_ends_the_run() {
 #[test]
 fn guide_moves_are_one_step_where_the_rig_states_it() {
     let (mut plant, options) = drawn(0);
-    // Slow enough that moves of a tenth of a millimetre last longer than a period of the tip sensor.
-    plant.stated.limits.guide_speed_mm_s = 0.5;
     let (steps, decided) = moves(&plant, &options);
     assert!(steps > decided, "{steps} steps for {decided} moves");
     plant.stated.rig.guide_moves_in_one_step = true;
