@@ -7,17 +7,17 @@ mod motion;
 mod offline;
 mod rotate;
 
-use crate::error::SteerError;
 use crate::estimator::{AtTarget, Hypothesis};
 use crate::history::History;
 use crate::known::KnownEffect;
 use crate::planner::{self, Weighted};
-use crate::plant::Plant;
+use crate::plant::{Plant, PlantError};
 use crate::protocol::{Command, End, Statement};
 use crate::readings::Readings;
 use crate::results::{Decision, Event, LimitRisk, Outcome, Probability, Run};
 use crate::tables::Path;
 use crate::unknowns::{CuttingLaw, Unknowns};
+use mechanics::ModelError;
 pub use offline::plan_path;
 
 /// Radii for which probabilities are stated, mm.
@@ -87,6 +87,100 @@ impl Options {
             cut_angle: true,
             steered: true,
             rig: Vec::new(),
+        }
+    }
+}
+
+/// Why a run could not be carried out.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SteerError {
+    /// The plant.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The model.
+    #[error("the needle of the plant cannot be computed: {0}")]
+    Model(#[from] ModelError),
+    /// The target.
+    #[error("target {name} is {value} mm, expected {expected}")]
+    Target {
+        /// Coordinate.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// Valid content.
+        expected: String,
+    },
+    /// Readings of the tip far from where the model has it.
+    #[error(
+        "{count} consecutive tip readings lie outside the band that the model predicts at {depth_mm:.1} mm"
+    )]
+    TipOutsideBand {
+        /// Number of them.
+        count: usize,
+        /// Depth.
+        depth_mm: f64,
+    },
+    /// The same reading again and again.
+    #[error(
+        "the last {count} tip readings are the same to the digit: the tracker repeats its last value; is its view blocked?"
+    )]
+    TipFrozen {
+        /// Number of them.
+        count: usize,
+    },
+    /// Readings that were taken long before they arrive.
+    #[error(
+        "{count} consecutive tip readings are too old (the last {age_s:.1} s, where the plant states {stated_s:.1} s): the tracker or the \
+         connection to it lags"
+    )]
+    TipLate {
+        /// Number of them.
+        count: usize,
+        /// Age of the last, s.
+        age_s: f64,
+        /// Stated delay, s.
+        stated_s: f64,
+    },
+    /// The needle does not follow.
+    #[error(
+        "the needle is {reported_mm:.1} mm deep, expected {commanded_mm:.1} mm: was it released, or is it stuck?"
+    )]
+    NeedleOffDepth {
+        /// Commanded, mm.
+        commanded_mm: f64,
+        /// Reported, mm.
+        reported_mm: f64,
+    },
+    /// Rotations of a needle that cannot be turned.
+    #[error(
+        "the plant states that its needle cannot be turned (`can_rotate` is false), expected true where rotations are planned"
+    )]
+    CannotRotate,
+    /// No reading of the tip.
+    #[error(
+        "no new valid tip reading for {silence_s:.1} s while the needle was pushed and {waited_s:.1} s at rest"
+    )]
+    TipSilent {
+        /// While pushed.
+        silence_s: f64,
+        /// At rest.
+        waited_s: f64,
+    },
+}
+
+impl SteerError {
+    /// Name of the fault in results.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Plant(error) => error.name(),
+            Self::Model(_) => "model",
+            Self::Target { .. } => "target",
+            Self::TipOutsideBand { .. } => "tip_outside_band",
+            Self::TipFrozen { .. } => "tip_frozen",
+            Self::TipLate { .. } => "tip_late",
+            Self::NeedleOffDepth { .. } => "needle_off_depth",
+            Self::CannotRotate => "cannot_rotate",
+            Self::TipSilent { .. } => "tip_silent",
         }
     }
 }
@@ -179,11 +273,15 @@ impl<'a> Controller<'a> {
         on_event: &'a mut dyn FnMut(&Event),
     ) -> Result<Self, SteerError> {
         let target_m = 1e-3 * options.target_mm[2];
-        let mut laws = Vec::with_capacity(CuttingLaw::ALL.len());
-        for law in CuttingLaw::ALL.into_iter().filter(|law| options.cut_angle || *law == CuttingLaw::Load) {
-            let unknowns = Unknowns::new(stated, &options.rig, law, target_m)?;
-            laws.push(Hypothesis::new(unknowns, options.tissue_known));
+        let mut laws =
+            vec![Hypothesis::new(Unknowns::new(stated, &options.rig, CuttingLaw::Load, target_m)?, 0.9)];
+        if options.cut_angle {
+            laws.push(Hypothesis::new(
+                Unknowns::new(stated, &options.rig, CuttingLaw::Angle, target_m)?,
+                0.1,
+            ));
         }
+        laws.iter_mut().for_each(|law| law.tissue_known = options.tissue_known);
         let bevel_rad = stated.bevel_deg.to_radians();
         let history = History::new(target_m, 0.5e-3 * options.rest_every_mm, bevel_rad);
         let expected = laws[0].paths(&history)?;

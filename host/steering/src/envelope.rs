@@ -4,19 +4,21 @@
 //! By the one forward model every bending moment, the force of guide 2 and the compression of the tissue are linear in the moves,
 //! and so they are constraints of the plan: each the
 //! length of a vector of both planes, a second-order cone. A limit holds with a probability of 0.999 at each stop: up to the next
-//! stop by the posterior of everything unknown and the error of the model, later by the error of the model alone, since readings up to
-//! there will tell the rest and the guide can still be moved.
+//! stop by the
+//! posterior of everything unknown and the error of the model, later by the error of the model alone, since readings up to there
+//! will tell the rest and the guide can still be moved.
 
 use crate::clamp::ClampShare;
 use crate::estimator::Hypothesis;
 use crate::history::History;
-use crate::limited::{Limit, Limits};
+use crate::protocol::Statement;
 use crate::tables::{self, Bent, Tables};
 use crate::unknowns::CLAMP;
 use mechanics::ModelError;
 use mechanics::growth::TipState;
 use mechanics::inner::{Influence, Inner};
 use nalgebra::DMatrix;
+use std::fmt;
 
 /// Quantile of the standard normal distribution at 0.999, the probability with which a limit holds at a stop.
 const QUANTILE: f64 = 3.09;
@@ -28,9 +30,109 @@ const MODEL_ERROR: f64 = 0.05;
 const FAR_FROM_LIMIT: f64 = 0.3;
 /// Increase of the tip's depth within which readings halve the target's standard deviation, m: so it is from 10 mm on
 /// in simulated runs.
-pub(crate) const KNOWN_AFTER_M: f64 = 0.020;
+const KNOWN_AFTER_M: f64 = 0.020;
 /// Share by which a solution may exceed a limit that it keeps.
 pub(crate) const SOLVED: f64 = 5e-4;
+/// Depths at which the needle may be bent most, and the tissue compressed most, beside guides and surface, m.
+const BENT_AT_M: [f64; 4] = [0.010, 0.020, 0.035, 0.055];
+const COMPRESSED_AT_M: [f64; 3] = [0.0, 0.010, 0.025];
+/// Radius of the needle where none is stated, m: 18 gauge.
+const RADIUS_M: f64 = 0.635e-3;
+
+/// Limit of a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Limit {
+    /// Bending strain of the needle.
+    Strain,
+    /// Lateral force of guide 2.
+    Force,
+    /// Compression of the tissue by the needle.
+    Compression,
+    /// Travel of guide 2.
+    Travel,
+    /// The largest move at one stop.
+    LargestMove,
+}
+
+impl Limit {
+    /// Its name in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Strain => "strain",
+            Self::Force => "force",
+            Self::Compression => "compression",
+            Self::Travel => "travel",
+            Self::LargestMove => "largest_move",
+        }
+    }
+}
+
+impl fmt::Display for Limit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Strain => "the limit of the needle's strain",
+            Self::Force => "the force limit of guide 2",
+            Self::Compression => "the limit of the tissue's compression",
+            Self::Travel => "the travel of guide 2",
+            Self::LargestMove => "the largest move at one stop",
+        })
+    }
+}
+
+/// Limits of what is inside, SI; nothing where none is stated.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    moment_n_m: Option<f64>,
+    force_n: Option<f64>,
+    compression_m: Option<f64>,
+}
+
+impl Limits {
+    /// Those of a plant; `force_share`: of its force limit, since measured force stops the run before that.
+    pub fn new(stated: &Statement, bending_stiffness_n_m2: f64, force_share: f64) -> Self {
+        let radius_m = stated.needle.outer_diameter_mm.map_or(RADIUS_M, |mm| 0.5e-3 * mm);
+        Self {
+            moment_n_m: stated.limits.needle_strain.map(|strain| strain * bending_stiffness_n_m2 / radius_m),
+            force_n: stated.limits.guide_force_n.map(|n| force_share * n),
+            compression_m: stated.limits.tissue_compression_mm.map(|mm| 1e-3 * mm),
+        }
+    }
+
+    /// Whether nothing is limited.
+    pub fn is_empty(&self) -> bool {
+        self.moment_n_m.is_none() && self.force_n.is_none() && self.compression_m.is_none()
+    }
+
+    /// Limited quantities with the tip at a node, with their limits.
+    fn asked(&self, history: &History, node: usize) -> Vec<(Limit, Inner, f64)> {
+        let mut asked = Vec::new();
+        if let Some(limit) = self.moment_n_m {
+            for inner in [Inner::MomentAtGuide1, Inner::MomentAtGuide2, Inner::MomentAtSurface] {
+                asked.push((Limit::Strain, inner, limit));
+            }
+            for at in near_nodes(&BENT_AT_M, node, &history.depths_m) {
+                asked.push((Limit::Strain, Inner::MomentInTissue(at), limit));
+            }
+        }
+        if let Some(limit) = self.force_n {
+            asked.push((Limit::Force, Inner::Guide2Force, limit));
+        }
+        if let Some(limit) = self.compression_m {
+            for at in near_nodes(&COMPRESSED_AT_M, node, &history.depths_m) {
+                asked.push((Limit::Compression, Inner::Compression(at), limit));
+            }
+        }
+        asked
+    }
+}
+
+fn near_nodes(depths_m: &[f64], node: usize, history_depths_m: &[f64]) -> Vec<usize> {
+    let mut nodes: Vec<usize> =
+        depths_m.iter().map(|m| history_depths_m.partition_point(|at| *at < m - 1e-6)).collect();
+    nodes.dedup();
+    nodes.retain(|at| *at < node);
+    nodes
+}
 
 /// A place along the way: a node, on arriving (0) or on leaving (1).
 type At = (usize, usize);
@@ -241,14 +343,20 @@ impl Envelope {
                 },
             )?;
             self.saturate(law, covariance, (at, &inner), &moves_m, &mut rows);
+            let variance = |number: usize| {
+                let plane_row = |plane: usize| {
+                    let row = rows.column(plane * asked.len() + number);
+                    row.dot(&(covariance * row))
+                };
+                plane_row(0).max(plane_row(1)).max(0.0)
+            };
             for cone in self.cones.iter_mut().filter(|cone| cone.at == at) {
                 let most = asked.get(cone.number).map_or(f64::INFINITY, |(_, _, most)| *most);
                 let noise = match (cone.limit, self.measured) {
                     (Limit::Force, Some((_, variance_n2))) => variance_n2 / (most * most),
                     _ => 0.0,
                 };
-                let columns = [cone.number, asked.len() + cone.number];
-                cone.bound = bound((largest_variance(&rows, columns, covariance) + noise).sqrt());
+                cone.bound = bound((variance(cone.number) + noise).sqrt());
             }
         }
         Ok(())
@@ -312,15 +420,6 @@ fn exceeded_limit(share: f64, to_m: [f64; 2], now_m: [f64; 2], present_cones: &[
         used_fraction > 1.0 + SOLVED && used_fraction > cone.used(&[])
     });
     exceeded_cone.map(|cone| cone.limit)
-}
-
-/// Larger of the variances of two quantities by their derivatives.
-fn largest_variance(rows: &DMatrix<f64>, columns: [usize; 2], covariance: &DMatrix<f64>) -> f64 {
-    columns
-        .map(|column| rows.column(column))
-        .map(|row| row.dot(&(covariance * row)))
-        .into_iter()
-        .fold(0.0, f64::max)
 }
 
 fn is_later(node: &usize, now_m: f64, depths_m: &[f64]) -> bool {

@@ -71,8 +71,6 @@ pub(crate) struct Hypothesis {
 
 /// Posterior of the tip at the target.
 pub(crate) struct AtTarget {
-    /// Law by which it is predicted.
-    pub law: CuttingLaw,
     /// Tip of both planes if nothing more is moved, m.
     pub tip_m: [f64; 2],
     /// Its derivatives with respect to all unknowns, per plane.
@@ -88,16 +86,15 @@ pub(crate) struct AtTarget {
 }
 
 impl Hypothesis {
-    pub fn new(unknowns: Unknowns, tissue_known: bool) -> Self {
-        let ln_prior = unknowns.law.prior_weight().ln();
+    pub fn new(unknowns: Unknowns, weight: f64) -> Self {
         let values = vec![0.0; unknowns.count()];
         Self {
             unknowns,
             values,
-            ln_prior,
-            ln_evidence: ln_prior,
+            ln_prior: weight.ln(),
+            ln_evidence: weight.ln(),
             misfit: 1.0,
-            tissue_known,
+            tissue_known: false,
             felt: Vec::new(),
             current: None,
             linearised: None,
@@ -243,7 +240,6 @@ impl Hypothesis {
                 })
                 .collect();
             return Ok(AtTarget {
-                law: self.law(),
                 tip_m: [0, 1].map(|plane: usize| tables::at(&paths[plane], last)),
                 rows,
                 way_rows: holds

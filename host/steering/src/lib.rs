@@ -3,8 +3,8 @@
 //! [`steer()`] pushes the needle of a [`Plant`] and lets it rest every few millimetres. At each rest the tip readings so far give the
 //! posterior of tissue, gap, angle, guide errors and tip (Gauss-Newton steps on the one forward model, [`mechanics::growth`]); from it
 //! follow the guide positions at all rests to come that minimise the expected squared miss at the target's depth, within travel, force
-//! and strain; the first is carried out. Three laws of the tip are averaged by their evidence: it takes a load, it cuts at an
-//! angle to the needle besides, or it cuts at an angle alone.
+//! and strain; the first is carried out. Two laws of the tip are averaged by their evidence: it takes a load, or it cuts at an angle to
+//! the needle.
 //!
 //! [`plan_path()`] states and plans the same without a plant, before anything moves.
 //!
@@ -67,11 +67,9 @@
 mod clamp;
 mod controller;
 mod envelope;
-mod error;
 mod estimator;
 mod history;
 mod known;
-mod limited;
 mod line;
 mod planner;
 mod plant;
@@ -84,8 +82,7 @@ mod results;
 mod tables;
 mod unknowns;
 
-pub use controller::{GUIDE_SETTLING_S, Options, plan_path, steer};
-pub use error::SteerError;
+pub use controller::{GUIDE_SETTLING_S, Options, SteerError, plan_path, steer};
 pub use known::KnownEffect;
 pub use plant::{DeviceFault, Plant, PlantError};
 pub use process::ProcessPlant;

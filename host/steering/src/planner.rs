@@ -9,9 +9,8 @@
 //! are added, and it is solved again. A cone may be exceeded at a price above any that a target has, where nothing
 //! within it can be reached any more.
 
-use crate::envelope::{Cone, SOLVED, moves};
+use crate::envelope::{Cone, Limit, SOLVED, moves};
 use crate::estimator::AtTarget;
-use crate::limited::Limit;
 use crate::unknowns::TISSUE;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{

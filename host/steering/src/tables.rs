@@ -54,7 +54,7 @@ impl Tables {
     /// Tip and its load under an input.
     pub fn states(&self, input: Input) -> Vec<TipState> {
         match self.law {
-            CuttingLaw::Load | CuttingLaw::AngledLoad => self
+            CuttingLaw::Load => self
                 .beam
                 .under_load(|node| NodeLoads { load_n: (input.tip)(node), guide2_m: (input.guide_m)(node) }),
             CuttingLaw::Angle => self.beam.moved_at_cut_angle(input.tip, input.guide_m, |_| [0.0; 2]),
@@ -142,7 +142,7 @@ pub(crate) fn bent(tables: &Tables, unknowns: &Unknowns, values: &[f64], history
         let tip =
             |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(knot_values[node], turn, plane));
         let mut states = tables.states(Input { guide_m: &|node| guide_m[node], tip: &tip });
-        if unknowns.law == CuttingLaw::AngledLoad {
+        if unknowns.law == CuttingLaw::Load {
             for (to, more) in states.iter_mut().zip(tables.beside(|node: usize| {
                 history.nodes[node].bevel_rad.map(|turn| turned(lateral_cut, turn, plane))
             })) {
@@ -196,11 +196,11 @@ pub(crate) fn after(
         };
         let path = tables.path(Input { guide_m: &|_| [0.0; 2], tip: &own });
         let lateral_cut = match unknowns.law {
-            CuttingLaw::AngledLoad => {
+            CuttingLaw::Load => {
                 let angle = unknowns.value(values, unknowns.beside() + direction);
                 at(&tips(&tables.beside(|at_node| moved_weight(at_node, angle, node))), last)
             }
-            CuttingLaw::Load | CuttingLaw::Angle => 0.0,
+            CuttingLaw::Angle => 0.0,
         };
         at(&path, last) + lateral_cut
     })
@@ -249,10 +249,10 @@ impl Columns {
             })
             .collect();
         let lateral_responses = match unknowns.law {
-            CuttingLaw::AngledLoad => {
+            CuttingLaw::Load => {
                 [0, 1].map(|part| tips(&tables.beside(|node| tip_part(node, part, &history.nodes))))
             }
-            CuttingLaw::Load | CuttingLaw::Angle => [0, 1].map(|_| vec![[0.0; 2]; history.depths_m.len()]),
+            CuttingLaw::Angle => [0, 1].map(|_| vec![[0.0; 2]; history.depths_m.len()]),
         };
         Self {
             guide: tables.path(Input { guide_m: &unit_motion, tip: &no_motion }),

@@ -30,27 +30,8 @@ pub(crate) const KNOT_M: f64 = 0.010;
 pub(crate) enum CuttingLaw {
     /// It takes a load and goes where that bends the needle.
     Load,
-    /// The same, and it cuts at a constant angle besides.
-    AngledLoad,
     /// It goes along the needle's direction, at an angle.
     Angle,
-}
-
-impl CuttingLaw {
-    /// All, the most frequent first.
-    pub const ALL: [Self; 3] = [Self::Load, Self::AngledLoad, Self::Angle];
-
-    /// Its probability beforehand. With an angle in every needle's model most of what is uncertain of a tip would be that of an angle which few tips
-    /// have.
-    pub fn prior_weight(self) -> f64 {
-        let angled = tip::CUT_ANGLE_SHARE.mean();
-        if self == Self::Load { 1.0 - 2.0 * angled } else { angled }
-    }
-
-    /// Whether the tip takes a load.
-    pub fn has_load(self) -> bool {
-        self != Self::Angle
-    }
 }
 
 /// Unknowns of one law.
@@ -146,20 +127,19 @@ impl Unknowns {
                     (modulus_sd.powi(2) + tissue::LAYER_MODULUS.sd().powi(2) * alike) / model.sd[i].powi(2);
             }
         }
-        let beside_sd = if law == CuttingLaw::AngledLoad { tip::CUT_ANGLE_BESIDE_LOAD.sd() } else { 0.0 };
         for (start, sd, mean) in [
             (model.slope(), slope.max(1e-4), 0.0),
             (model.offset(), sensors::STEERED_TIP_ZERO.sd(), 0.0),
             (model.guide_offset(), (rig::STAGE_ERROR.sd() * error_m).max(1e-6), 0.0),
             (model.backlash(), play_sd_m.max(1e-6), play_m),
-            (model.beside(), beside_sd, 0.0),
+            (model.beside(), tip::CUT_ANGLE_BESIDE_LOAD.sd(), 0.0),
         ] {
             model.sd[start..start + 2].fill(sd);
             model.mean[start..start + 2].fill(mean);
         }
         // The common part of the load or angle and what varies about it.
         let [along_sd, across_sd] = match law {
-            CuttingLaw::Load | CuttingLaw::AngledLoad => [
+            CuttingLaw::Load => [
                 [load_sd * load_factor.max(0.3) * load_n, tip::STEERED_PROCESS_NOISE.sd() * load_n],
                 [tip::LOAD_ACROSS.sd() * load_n, tip::PROCESS_NOISE_ACROSS.sd() * load_n],
             ],
@@ -171,7 +151,7 @@ impl Unknowns {
         for (direction, [common, varying]) in [along_sd, across_sd].into_iter().enumerate() {
             let start = model.tip(direction, 0);
             let sd = common.hypot(varying).max(1e-9);
-            let mean = if law.has_load() && direction == 0 { load_factor * load_n } else { 0.0 };
+            let mean = if law == CuttingLaw::Load && direction == 0 { load_factor * load_n } else { 0.0 };
             model.fill_knots(&mut correlation, start, sd, mean, |apart_m: f64| {
                 (common * common + varying * varying * (-apart_m / tip::STEERED_LOAD_MEMORY.mean()).exp())
                     / (sd * sd)
@@ -234,7 +214,7 @@ impl Unknowns {
         TISSUE + 6
     }
 
-    /// Cut angle beside a load, along and across the bevel: 0 by the other laws.
+    /// Cut angle beside a load, along and across the bevel.
     pub fn beside(&self) -> usize {
         TISSUE + 8
     }

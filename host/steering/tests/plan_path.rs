@@ -34,7 +34,7 @@ fn it_states_what_a_run_states_before_the_first_push() {
 #[test]
 fn what_the_tip_is_uncertain_by_adds_up_to_the_whole() {
     let plant = world(Kind::Plain, 4411, 1);
-    let options = Options::new([1.0, 1.0, DEPTH_MM]);
+    let options = Options { cut_angle: false, ..Options::new([1.0, 1.0, DEPTH_MM]) };
     let spread = plan_path(&plant.stated, &options).expect("planned").spread_mm;
     let causes = spread.causes();
     let sum = causes.iter().map(|(_, sd)| sd * sd).sum::<f64>().sqrt();

@@ -66,13 +66,7 @@ section! {
     CUT_ANGLE_BESIDE_LOAD {
         name: "a cut angle beside a load", unit: "rad", prior: Prior::error(10e-3),
         used_by: "steer, plan-path",
-        why: "half of the angle of a tip that has no load: each has its part",
-    }
-    CUT_ANGLE_SHARE {
-        name: "the share of tips that cut at an angle beside their load, and of those that do so in its place", unit: "1",
-        prior: Prior::fixed(0.1),
-        used_by: "steer, plan-path",
-        why: "insertions of others show an angle, most do not: one tip in ten by either law, so that the rest are predicted without one",
+        why: "no tip has one law alone",
     }
     ENTRY_ANGLE {
         name: "the angle of entry of one insertion against that of all, by two guides or by hand", unit: "rad", prior: Prior::size(5e-3, 1.5),

@@ -93,6 +93,7 @@ impl Controller<'_> {
             history.plan_rotation(1e-3 * rotation.depth_mm, rotation.bevel_deg.to_radians());
         }
         let paths = law.paths(&history)?;
+        let likeliest = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at);
         let point = |node: usize, sd_mm: f64| PathPoint {
             depth_mm: 1e3 * history.depths_m[node],
             tip_mm: [0, 1].map(|plane: usize| 1e3 * tables::at(&paths[plane], Place::Rest(node, 1))),
@@ -102,7 +103,7 @@ impl Controller<'_> {
         // A stop that is new in this plan has no row yet.
         let on_way = rests
             .iter()
-            .map(|rest| point(*rest, sd_mm_at(*rest, posterior, known_rests)))
+            .map(|rest| point(*rest, sd_mm_at(*rest, likeliest, known_rests)))
             .filter(|point| point.sd_mm.is_finite());
         Ok(on_way.chain([point(last, 1e3 * sd_m(plan.covariance_m2))]).collect())
     }
@@ -167,10 +168,10 @@ impl Controller<'_> {
             self.laws
                 .iter()
                 .zip(&posterior.at)
-                .map(|(law, (weight, _))| if law.law() == CuttingLaw::Load { 0.0 } else { *weight })
+                .map(|(law, (weight, _))| if law.law() == CuttingLaw::Angle { *weight } else { 0.0 })
                 .sum()
         } else {
-            f64::from(u8::from(law.law() != CuttingLaw::Load))
+            f64::from(u8::from(law.law() == CuttingLaw::Angle))
         };
         Ok(Decision {
             t_s: self.last.t_s,
@@ -247,14 +248,14 @@ fn miss_along_mm(i: usize, target_mm: [f64; 3], expected_tip_mm: [f64; 2]) -> f6
     expected_tip_mm[i] - target_mm[i]
 }
 
-/// Standard deviation per axis of the tip at a rest, by all laws with their weights.
-fn sd_mm_at(rest: usize, posterior: &Posterior, known_rests: &[usize]) -> f64 {
-    let Some(number) = known_rests.iter().position(|one| *one == rest) else { return f64::NAN };
-    let variances_m2 = posterior.at.iter().map(|(weight, at)| {
-        let rows = at.way_rows.get(number).map_or([].as_slice(), |rows| rows.as_slice());
-        weight * rows.iter().map(|row| 0.5 * variance_of(row, &at.covariance)).sum::<f64>()
-    });
-    1e3 * variances_m2.sum::<f64>().max(0.0).sqrt()
+fn sd_mm_at(rest: usize, likeliest: Option<&crate::estimator::AtTarget>, known_rests: &[usize]) -> f64 {
+    let number = known_rests.iter().position(|one| *one == rest);
+    let rows = likeliest.zip(number).and_then(|(at, number)| Some((at, at.way_rows.get(number)?)));
+    rows.map_or(f64::NAN, |(at, rows)| {
+        1e3 * (0.5 * (variance_of(&rows[0], &at.covariance) + variance_of(&rows[1], &at.covariance)))
+            .max(0.0)
+            .sqrt()
+    })
 }
 
 fn variance_of(row: &nalgebra::DVector<f64>, covariance: &nalgebra::DMatrix<f64>) -> f64 {

@@ -1,11 +1,9 @@
 //! Forecast before the first push.
 
-use super::limits::Request;
 use super::{Controller, MISS_THAT_STOPS_MM, Posterior, RADII_MM, SteerError};
-use crate::envelope::KNOWN_AFTER_M;
-use crate::estimator::{AtTarget, Hypothesis, gain};
+use crate::envelope::Limit;
+use crate::estimator::{AtTarget, gain};
 use crate::history::Place;
-use crate::limited::Limit;
 use crate::planner::{self, Bounds, Plan, Weighted, Weights};
 use crate::probability::probability_within;
 use crate::results::{LimitRisk, Outcome, Probability};
@@ -46,8 +44,6 @@ fn reachable(laws: &[Weighted], bounds: &Bounds) -> Vec<[f64; 2]> {
 
 /// Remaining distance to the target within the limits, for one needle of the prior.
 struct Left {
-    /// Number of its law.
-    law: usize,
     /// Tip less target, m.
     miss_m: [f64; 2],
     /// Limit with the largest effect.
@@ -84,13 +80,11 @@ impl Controller<'_> {
         }
         let plan = if steered {
             let law = &self.laws[self.best()];
-            let tables = law.tables(&self.history)?;
-            let envelope = self.envelope(law, &tables, &law.values, &self.history, &rest_nodes)?;
+            let envelope = self.envelope(law, &*law.tables(&self.history)?, &law.values, &rest_nodes)?;
             let bounds = self.free_bounds(&envelope);
             self.reachable_m = reachable(&laws, &bounds);
-            let nearest_plan = planner::plan(&laws, [0.0; 2], target_m, &bounds, NEAREST);
             misses = self.left_by_limits(&prior_posterior, &rest_nodes, target_m)?;
-            nearest_plan
+            planner::plan(&laws, [0.0; 2], target_m, &bounds, NEAREST)
         } else {
             Plan::staying(&laws, [0.0; 2], rest_nodes.len())
         };
@@ -100,16 +94,13 @@ impl Controller<'_> {
         }
         self.limits_before = risks(&misses);
         self.within_before = if steered {
-            let covariances_m2 = self.arriving(&prior_posterior, &rest_nodes)?;
+            let covariance_m2 = self.arriving(&prior_posterior, &rest_nodes)?;
             RADII_MM
                 .into_iter()
                 .map(|radius_mm| {
                     let probability = misses
                         .iter()
-                        .filter_map(|miss| Some((miss.miss_m, *covariances_m2.get(miss.law)?)))
-                        .map(|(miss_m, covariance_m2)| {
-                            probability_within(miss_m, covariance_m2, 1e-3 * radius_mm)
-                        })
+                        .map(|misses| probability_within(misses.miss_m, covariance_m2, 1e-3 * radius_mm))
                         .sum::<f64>()
                         / misses.len().max(1) as f64;
                     Probability { radius_mm, probability }
@@ -121,27 +112,19 @@ impl Controller<'_> {
         Ok(None)
     }
 
-    /// Covariance of the tip on arriving, by each law, about where limits let it come: at each stop the readings change what is expected at the
+    /// Covariance of the tip on arriving, about where limits let it come: at each stop the readings change what is expected at the
     /// target, and the stops from there on correct that but for a share ([`uncorrected`]); what is learned after the last of them
     /// stays (theory, eq. 81).
-    fn arriving(&self, before: &Posterior, rests: &[usize]) -> Result<Vec<[f64; 3]>, SteerError> {
-        let laws = self.laws.iter().zip(&before.at);
-        laws.map(|(law, (_, prior))| self.arriving_by(law.clone(), prior, rests)).collect()
-    }
-
-    fn arriving_by(
-        &self,
-        mut law: Hypothesis,
-        prior: &AtTarget,
-        rests: &[usize],
-    ) -> Result<[f64; 3], SteerError> {
-        let paths = law.paths(&self.history)?;
+    fn arriving(&self, before: &Posterior, rests: &[usize]) -> Result<[f64; 3], SteerError> {
+        let paths = &self.expected;
         let noise_m = 1e-3 * self.stated.tip_noise_mm;
         let at_rest = (self.settling() - self.stated.tip_delay_s) * self.stated.tip_rate_hz;
+        let Some((_, prior)) = before.at.first() else { return Ok([0.0; 3]) };
         let target_m = self.history.depths_m[self.history.depths_m.len() - 1];
         let efforts: Vec<f64> =
             rests.iter().map(|rest| self.effort(self.history.depths_m[*rest] / target_m)).collect();
         let left = uncorrected(&prior.gains, &efforts);
+        let mut law = self.laws[0].clone();
         let (_, mut known_m2) = planner::outcome(&[Weighted { weight: 1.0, at: prior }], [0.0; 2], &[]);
         let (mut bins, mut corrected_m2) = (Vec::new(), [0.0; 3]);
         for (node, depth_m) in self.history.depths_m.iter().enumerate() {
@@ -180,30 +163,13 @@ impl Controller<'_> {
         }
     }
 
-    /// Misses that limits leave: one for each of some needles drawn from the prior. Up to [`KNOWN_AFTER_M`] nothing is known of them, and guide 2 goes as
-    /// the first plan has it; from there on everything is.
+    /// Misses that limits leave, were the needle known: one for each of some needles drawn from the prior.
     fn left_by_limits(
         &self,
         before: &Posterior,
         rests: &[usize],
         target_m: [f64; 2],
     ) -> Result<Vec<Left>, SteerError> {
-        let weights = Weights { caution: self.options.caution, effort: self.effort(0.0) };
-        let request = Request {
-            stops: rests,
-            laws: &before.weighted(),
-            now_m: [0.0; 2],
-            target_m,
-            largest_move_m: Some(1e-3 * self.options.largest_move_mm),
-            weights,
-        };
-        let first_plan = self.limited_plan(&request)?;
-        let blind = rests.iter().filter(|rest| self.history.depths_m[**rest] < KNOWN_AFTER_M - 1e-6).count();
-        let blind = if blind < rests.len() { blind } else { 0 };
-        let rests = &rests[blind..];
-        let mut history = self.history.clone();
-        history.plan(request.stops.iter().copied().zip(first_plan.guide_m.iter().copied()).take(blind));
-        let now_m = first_plan.guide_m.iter().take(blind).next_back().copied().unwrap_or_default();
         let mut rng = ChaCha8Rng::seed_from_u64(SCENARIO_SEED);
         let mut misses = Vec::with_capacity(SCENARIOS);
         let last = Place::Rest(self.history.depths_m.len() - 1, 0);
@@ -223,10 +189,9 @@ impl Controller<'_> {
                     .map(|(mean, deviation)| mean + deviation)
                     .collect();
                 let tables = Tables::new(&law.unknowns, &values, &self.history.depths_m)?;
-                let paths = tables::paths(&tables, &law.unknowns, &values, &history);
+                let paths = tables::paths(&tables, &law.unknowns, &values, &self.history);
                 let zeros = DVector::zeros(deviation.len());
                 let needle = AtTarget {
-                    law: law.law(),
                     tip_m: [0, 1].map(|plane: usize| tables::at(&paths[plane], last)),
                     rows: [zeros.clone(), zeros],
                     way_rows: Vec::new(),
@@ -234,12 +199,11 @@ impl Controller<'_> {
                     gain_rows: vec![[0.0; TISSUE]; rests.len()],
                     covariance: DMatrix::zeros(deviation.len(), deviation.len()),
                 };
-                let envelope = self.envelope(law, &tables, &values, &history, rests)?;
+                let envelope = self.envelope(law, &tables, &values, rests)?;
                 let bounds = self.free_bounds(&envelope);
                 let certain = [Weighted { weight: 1.0, at: &needle }];
-                let plan = planner::plan(&certain, now_m, target_m, &bounds, NEAREST);
+                let plan = planner::plan(&certain, [0.0; 2], target_m, &bounds, NEAREST);
                 misses.push(Left {
-                    law: number,
                     miss_m: [0, 1].map(|plane: usize| plan.tip_m[plane] - target_m[plane]),
                     limit: plan.limited_by.first().map(|(limit, _)| *limit),
                 });

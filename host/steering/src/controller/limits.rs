@@ -2,13 +2,10 @@
 
 use super::decide::sd_m;
 use super::{Controller, SHARE_OF_TRAVEL, SHARE_THAT_STOPS, SteerError};
-use crate::envelope::{Envelope, Measured};
+use crate::envelope::{Envelope, Limits, Measured};
 use crate::estimator::Hypothesis;
-use crate::history::History;
-use crate::limited::Limits;
 use crate::planner::{self, Bounds, Plan, Weighted, Weights};
 use crate::tables;
-use crate::unknowns::CuttingLaw;
 use mechanics::ModelError;
 
 /// Inputs of a plan.
@@ -39,13 +36,12 @@ impl Controller<'_> {
         law: &Hypothesis,
         tables: &tables::Tables,
         values: &[f64],
-        history: &History,
         stops: &[usize],
     ) -> Result<Envelope, ModelError> {
         let stiffness = law.unknowns.problem.bending_stiffness_n_m2;
         let limits = Limits::new(self.stated, stiffness, SHARE_THAT_STOPS);
-        let bent = tables::bent(tables, &law.unknowns, values, history);
-        Envelope::new(tables, &bent, history, stops, limits, self.resting_force())
+        let bent = tables::bent(tables, &law.unknowns, values, &self.history);
+        Envelope::new(tables, &bent, &self.history, stops, limits, self.resting_force())
     }
 
     /// Within limits, wherever moves lead and nothing is kept in reserve.
@@ -60,18 +56,17 @@ impl Controller<'_> {
         (count > 0.0).then(|| (mean_n, noise_n * noise_n / count))
     }
 
-    /// The plan within all limits by the law for limits ([`limiting`]), first by its values, then with what is uncertain of them up to
+    /// The plan within all limits by the likeliest law, first by its values, then with what is uncertain of them up to
     /// the next stop. A plan is allowed by the limits, or is no worse than staying.
     pub(super) fn limited_plan(&self, request: &Request) -> Result<Plan, SteerError> {
         let Request { stops, laws, now_m, target_m, largest_move_m, weights } = *request;
-        let limiting = limiting(laws);
-        let law = self.laws.iter().find(|law| limiting.is_some_and(|limiting| limiting.at.law == law.law()));
-        let law = law.unwrap_or(&self.laws[self.best()]);
+        let law = &self.laws[self.best()];
         let tables = law.tables(&self.history)?;
-        let mut envelope = self.envelope(law, &tables, &law.values, &self.history, stops)?;
+        let mut envelope = self.envelope(law, &tables, &law.values, stops)?;
+        let likeliest = laws.iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
         let (_, covariance_m2) = planner::outcome(laws, now_m, &[]);
-        if let Some(limiting) = limiting {
-            envelope.reserve(&self.history, stops, &limiting.at.gains, weights.effort);
+        if let Some(likeliest) = likeliest {
+            envelope.reserve(&self.history, stops, &likeliest.at.gains, weights.effort);
         }
         // Points of a cubature of the plane lie so far out.
         let deviation_m = std::f64::consts::SQRT_2 * sd_m(covariance_m2);
@@ -81,8 +76,8 @@ impl Controller<'_> {
             planner::plan(laws, now_m, target_m, &bounds, weights)
         };
         let mut planned = plan(&envelope);
-        if let Some(limiting) = limiting {
-            let covariance = &limiting.at.covariance;
+        if let Some(likeliest) = likeliest {
+            let covariance = &likeliest.at.covariance;
             envelope.tighten(law, covariance, &self.history, stops, &planned.guide_m, now_m)?;
             if envelope.exceeded(now_m, &planned.guide_m) {
                 planned = plan(&envelope);
@@ -100,12 +95,4 @@ impl Controller<'_> {
         }
         Ok(planned)
     }
-}
-
-/// The law by which limits are kept. They hold with a probability for which a law of one tip in ten is not rare, and that of an angle beside the load
-/// contains that of a load alone.
-fn limiting<'a>(laws: &'a [Weighted<'a>]) -> Option<&'a Weighted<'a>> {
-    let likeliest = laws.iter().max_by(|a, b| a.weight.total_cmp(&b.weight))?;
-    let wider = laws.iter().find(|law| law.at.law == CuttingLaw::AngledLoad);
-    if likeliest.at.law == CuttingLaw::Load { wider.or(Some(likeliest)) } else { Some(likeliest) }
 }

@@ -1,13 +1,11 @@
 //! A plan without a plant: what is stated and planned before anything moves.
 
-use super::{Controller, Options, Posterior, SteerError};
-use crate::estimator::AtTarget;
+use super::{Controller, Options, SteerError};
 use crate::planner;
 use crate::plant::{Plant, PlantError};
 use crate::protocol::{Answer, Command, End, Statement};
 use crate::results::{Decision, Outcome, PathPlan, Spread};
-use crate::unknowns::TISSUE;
-use std::ops::Range;
+use crate::unknowns::{TISSUE, Unknowns};
 
 /// There is no plant.
 struct Absent;
@@ -66,37 +64,36 @@ pub fn plan_path(stated: &Statement, options: &Options) -> Result<PathPlan, Stee
     })
 }
 
-impl Posterior {
-    /// Variance per axis of the tip at the target by some of the unknowns, mean of the laws, mm^2.
-    fn variance_mm2(&self, unknowns: Range<usize>) -> f64 {
-        let count = unknowns.len();
-        let law_variance_m2 = |at: &AtTarget| {
-            let covariance = at.covariance.view((unknowns.start, unknowns.start), (count, count));
-            let rows = at.rows.iter().map(|row| row.rows(unknowns.start, count));
-            rows.map(|row| 0.5 * row.dot(&(covariance * row))).sum::<f64>()
-        };
-        1e6 * self.at.iter().map(|(weight, at)| weight * law_variance_m2(at)).sum::<f64>()
-    }
-}
-
 impl Controller<'_> {
-    /// Tip at the target's depth if nothing is moved, and what it is uncertain by, mm: by all laws with their weights. The tip's part has what the laws
-    /// differ by.
+    /// Tip at the target's depth if nothing is moved, by the likeliest law, and what it is uncertain by, mm.
     fn unsteered(&mut self) -> Result<([f64; 2], Spread), SteerError> {
         let posterior = self.update(&[])?;
         let (tip_m, covariance_m2) = planner::outcome(&posterior.weighted(), [0.0; 2], &[]);
-        let unknowns = &self.laws[self.best()].unknowns;
+        let law = &self.laws[self.best()];
+        let likeliest = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at);
+        let sd_mm = |is_of: &dyn Fn(&Unknowns, usize) -> bool| {
+            let Some(posterior) = likeliest else { return f64::NAN };
+            let miss_variance = |row: &nalgebra::DVector<f64>| {
+                let mut row_part = row.clone();
+                row_part
+                    .iter_mut()
+                    .enumerate()
+                    .filter(|(i, _)| !is_of(&law.unknowns, *i))
+                    .for_each(|(_, x)| *x = 0.0);
+                row_part.dot(&(&posterior.covariance * &row_part))
+            };
+            1e3 * (0.5 * (miss_variance(&posterior.rows[0]) + miss_variance(&posterior.rows[1])))
+                .max(0.0)
+                .sqrt()
+        };
         let total_sd_mm = 1e3 * super::decide::sd_m(covariance_m2);
-        let laws_mm2 = total_sd_mm * total_sd_mm - posterior.variance_mm2(0..unknowns.count());
-        let tip_mm2 = posterior.variance_mm2(unknowns.beside()..unknowns.irregularity(0, 0));
-        let sd_mm = |unknowns: Range<usize>| posterior.variance_mm2(unknowns).max(0.0).sqrt();
         let spread = Spread {
             all: total_sd_mm,
-            slope: sd_mm(unknowns.slope()..unknowns.guide_offset()),
-            tip: (tip_mm2 + laws_mm2).max(0.0).sqrt(),
-            tissue: sd_mm(0..TISSUE),
-            guide: sd_mm(unknowns.guide_offset()..unknowns.beside()),
-            irregularity: sd_mm(unknowns.irregularity(0, 0)..unknowns.count()),
+            slope: sd_mm(&|unknowns, i| (unknowns.slope()..unknowns.guide_offset()).contains(&i)),
+            tip: sd_mm(&|unknowns, i| (unknowns.beside()..unknowns.irregularity(0, 0)).contains(&i)),
+            tissue: sd_mm(&|_, i| i < TISSUE),
+            guide: sd_mm(&|unknowns, i| (unknowns.guide_offset()..unknowns.beside()).contains(&i)),
+            irregularity: sd_mm(&|unknowns, i| i >= unknowns.irregularity(0, 0)),
         };
         Ok((tip_m.map(|m| 1e3 * m), spread))
     }
