@@ -1,6 +1,7 @@
 //! Estimates of a fit, in their own units and with their intervals.
 
-use super::{Fitted, Point, from_prior, prior_sd, products};
+use super::round::{from_prior, prior_sd, products};
+use super::{Fitted, Point};
 use crate::Multiples;
 use crate::data::Kind;
 use crate::evidence::Patterns;

@@ -20,7 +20,7 @@ const OTHERS: [(&str, &[&str]); 5] = [
             "host/diagnose/src/characterize/play.rs SHARE_OF_SD",
             "host/diagnose/src/found.rs NEAR_SD",
             "host/diagnose/src/known.rs MOVED_SD",
-            "host/diagnose/src/posterior.rs MAX_STEP_SD",
+            "host/diagnose/src/posterior/round.rs MAX_STEP_SD",
             "host/diagnose/src/posterior.rs SAME_SD",
             "host/diagnose/src/posterior.rs SETTLED_SD",
             "host/diagnose/src/posterior/quantities.rs SLOPE_SD",

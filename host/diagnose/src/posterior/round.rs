@@ -1,0 +1,192 @@
+//! One round of a fit: residuals, sensitivities and their products, the step, and how far it is taken.
+
+use super::super::evidence::{Evidence, Patterns, Products};
+use super::super::layout::{Layout, Prepared};
+use super::Point;
+use nalgebra::{DMatrix, DVector};
+use readings::{FitError, Parameter, bounded_step};
+
+/// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
+const MAX_LN_STEP: f64 = 0.7;
+const MAX_STEP_SD: f64 = 1.2;
+/// Largest number of halvings of a step.
+const MAX_HALVINGS: usize = 5;
+
+/// A covariance in units of the priors, as the parameters are inside the fits.
+pub(super) fn in_units(covariance: &DMatrix<f64>, parameters: &[Parameter]) -> DMatrix<f64> {
+    let sds: Vec<f64> = parameters.iter().map(prior_sd).collect();
+    DMatrix::from_fn(sds.len(), sds.len(), |i, j| sds[i] * covariance[(i, j)] * sds[j])
+}
+
+/// Standard deviation of the prior; parameters without one have a wide one.
+pub(super) fn prior_sd(parameter: &Parameter) -> f64 {
+    parameter.prior.map_or(1e3, |prior| prior.sd)
+}
+
+/// From the prior mean to a value, in prior standard deviations.
+pub(super) fn from_prior(parameter: &Parameter, value: f64) -> f64 {
+    parameter.prior.map_or(0.0, |prior| (value - prior.mean) / prior.sd)
+}
+
+/// Whitened residuals of every run.
+pub(crate) fn residuals(
+    layout: &Layout,
+    runs: &[Prepared],
+    values: &[f64],
+) -> Result<Vec<Vec<f64>>, FitError> {
+    runs.iter()
+        .map(|run| {
+            let residuals = run.residuals(layout, values)?;
+            if residuals.iter().all(|r| r.is_finite()) { Ok(residuals) } else { Err(FitError::NotFinite) }
+        })
+        .collect()
+}
+
+/// Derivative of the whitened predictions by the parameters: what is known of the first of them, then central differences, one-sided
+/// ones at the end of a range.
+pub(crate) fn jacobian(
+    layout: &Layout,
+    runs: &[Prepared],
+    values: &[f64],
+    parameters: &[Parameter],
+    here: &[Vec<f64>],
+    known: &[DMatrix<f64>],
+) -> Result<Vec<DMatrix<f64>>, FitError> {
+    let mut run_columns: Vec<DMatrix<f64>> =
+        here.iter().map(|residuals| DMatrix::zeros(residuals.len(), parameters.len())).collect();
+    let first = known.first().map_or(0, DMatrix::ncols);
+    for (matrix, known) in run_columns.iter_mut().zip(known) {
+        matrix.columns_mut(0, first).copy_from(known);
+    }
+    for (index, parameter) in parameters.iter().enumerate().skip(first) {
+        let (lower_end, upper_end) = (
+            (values[index] - parameter.step).max(parameter.least),
+            (values[index] + parameter.step).min(parameter.most),
+        );
+        let residuals_at = |value: f64| {
+            let mut values = values.to_vec();
+            values[index] = value;
+            residuals(layout, runs, &values)
+        };
+        let (lower_residuals, upper_residuals) = (residuals_at(lower_end)?, residuals_at(upper_end)?);
+        for ((matrix, lower_residuals), upper_residuals) in
+            run_columns.iter_mut().zip(&lower_residuals).zip(&upper_residuals)
+        {
+            let mut column = matrix.column_mut(index);
+            for ((slope, lower_residuals), upper_residuals) in
+                column.iter_mut().zip(lower_residuals).zip(upper_residuals)
+            {
+                *slope = (lower_residuals - upper_residuals) / (upper_end - lower_end);
+            }
+        }
+    }
+    Ok(run_columns)
+}
+
+/// Scalar products of sensitivities in units of the priors and of the residuals from the prior means.
+pub(super) fn products(
+    patterns: &Patterns,
+    parameters: &[Parameter],
+    point: &Point,
+    jacobian: &[DMatrix<f64>],
+) -> Products {
+    let count = parameters.len();
+    let sds: Vec<f64> = parameters.iter().map(prior_sd).collect();
+    let prior_distances: Vec<f64> =
+        parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v)).collect();
+    let columns = |(jacobian, residuals): (&DMatrix<f64>, &Vec<f64>)| {
+        let mut columns = jacobian.clone().resize_horizontally(count + 1, 0.0);
+        let mut last = DVector::from_column_slice(residuals);
+        for (j, (sd, prior_distances)) in sds.iter().zip(&prior_distances).enumerate() {
+            let mut column = columns.column_mut(j);
+            column *= *sd;
+            // The residuals of the prior mean, as far as the linearisation goes.
+            last.axpy(*prior_distances, &column, 1.0);
+        }
+        columns.set_column(count, &last);
+        columns
+    };
+    let columns: Vec<DMatrix<f64>> = jacobian.iter().zip(&point.residuals).map(columns).collect();
+    patterns.products(&columns)
+}
+
+/// The step to the likeliest point of the linearised model within the ranges, shortened where it is long; nothing where it makes no sense. A
+/// parameter that would leave its range stays on its end, and the others follow: what a rigid frame cannot do is not left to the clearance.
+pub(super) fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Option<Vec<f64>> {
+    let count = parameters.len();
+    let precision = evidence.covariance.clone().cholesky()?.inverse();
+    let prior_distances: Vec<f64> =
+        parameters.iter().zip(values).map(|(p, value)| from_prior(p, *value)).collect();
+    let gradient = &precision * (&evidence.mean - DVector::from_column_slice(&prior_distances));
+    let mut equations = precision.resize(count + 1, count + 1, 0.0);
+    equations.view_mut((0, count), (count, 1)).copy_from(&gradient);
+    let bounded = bounded_step(equations, |i| {
+        [parameters[i].least, parameters[i].most]
+            .map(|end| from_prior(&parameters[i], end) - prior_distances[i])
+    })?;
+    let wanted_steps: Vec<f64> = bounded.iter().zip(parameters).map(|(step, p)| step * prior_sd(p)).collect();
+    let limit = |index: usize, p: &Parameter| {
+        if index == 0 { MAX_LN_STEP } else { MAX_STEP_SD * prior_sd(p) }
+    };
+    let step_fraction = wanted_steps
+        .iter()
+        .zip(parameters)
+        .enumerate()
+        .map(|(index, (step, p))| limit(index, p) / step.abs().max(f64::MIN_POSITIVE))
+        .fold(1.0, f64::min);
+    let is_in_range = |((step, p), value): ((&f64, &Parameter), &f64)| {
+        (value + step_fraction * step).clamp(p.least, p.most) - value
+    };
+    Some(wanted_steps.iter().zip(parameters).zip(values).map(is_in_range).collect())
+}
+
+/// Squares of whitened residuals in the metric of noise and discrepancy of these sizes.
+pub(crate) fn misfit(patterns: &Patterns, sizes: &[f64], residuals: &[Vec<f64>]) -> Option<f64> {
+    let columns: Vec<DMatrix<f64>> =
+        residuals.iter().map(|r| DMatrix::from_column_slice(r.len(), 1, r)).collect();
+    Some(patterns.in_metric(sizes, &patterns.products(&columns))?[(0, 0)])
+}
+
+/// Twice the objective at fixed sizes: squares of the residuals in the metric and of the distances from the prior means.
+pub(super) fn squares(
+    patterns: &Patterns,
+    sizes: &[f64],
+    parameters: &[Parameter],
+    point: &Point,
+) -> Option<f64> {
+    let misfit = misfit(patterns, sizes, &point.residuals)?;
+    let priors: f64 = parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v).powi(2)).sum();
+    Some(misfit + priors)
+}
+
+/// The point behind a whole step; nothing where the model has no solution there.
+pub(super) fn stepped(layout: &Layout, runs: &[Prepared], from: &Point, step: &[f64]) -> Option<Point> {
+    let values: Vec<f64> = from.values.iter().zip(step).map(|(value, step)| value + step).collect();
+    Some(Point { residuals: residuals(layout, runs, &values).ok()?, values })
+}
+
+/// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.
+pub(super) fn descend(
+    layout: &Layout,
+    runs: &[Prepared],
+    patterns: &Patterns,
+    parameters: &[Parameter],
+    from: &Point,
+    sizes: &[f64],
+    step: &[f64],
+) -> Result<Option<Point>, FitError> {
+    let squares_before = squares(patterns, sizes, parameters, from).ok_or(FitError::Undetermined)?;
+    let mut step_fraction = 1.0;
+    for _ in 0..=MAX_HALVINGS {
+        let values: Vec<f64> =
+            from.values.iter().zip(step).map(|(value, step)| value + step_fraction * step).collect();
+        step_fraction *= 0.5;
+        // A step to values for which the model has no solution was too long.
+        let Ok(residuals) = residuals(layout, runs, &values) else { continue };
+        let point = Point { values, residuals };
+        if squares(patterns, sizes, parameters, &point).is_some_and(|after| after <= squares_before) {
+            return Ok(Some(point));
+        }
+    }
+    Ok(None)
+}
