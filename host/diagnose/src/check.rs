@@ -3,12 +3,13 @@
 //! There is no search. Noise, split, starting model, discrepancy and evidence are those of
 //! [`diagnose`](super::diagnose); whether a name is confirmed by what is held out is not part of it.
 
+use super::known::Released;
 use super::results::Estimate;
 use super::score::{NamedFrom, Scores};
 use super::weights::{ModelPrior, STATED_PROBABILITY};
 use super::{
-    DiagnoseError, FOUNDATION_MARGIN, FoundationChoice, Layout, Noise, Noises, Options, Released, Session,
-    Training, discover, fit_start, known, runs_of, split,
+    DiagnoseError, FOUNDATION_MARGIN, FoundationChoice, Layout, Noise, Noises, Options, Session, Training,
+    discover, fit_start, known, runs_of, split,
 };
 use mechanics::Support;
 use mechanics::effects::{Effect, all};
