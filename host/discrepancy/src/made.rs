@@ -14,14 +14,17 @@ use super::score::no_covariance;
 use super::search::{Found, Member, Refusal, Refused};
 use super::weights::STATED_PROBABILITY;
 use nalgebra::DVector;
-
-/// Half a 95 % interval in standard deviations.
-pub(crate) const NORMAL_975: f64 = 1.959_963_984_540_054;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 pub(crate) fn estimate(name: &str, unit: String, value: f64, variance: f64) -> Estimate {
     let sd = variance.max(0.0).sqrt();
-    let ci95 = [value - NORMAL_975 * sd, value + NORMAL_975 * sd];
-    Estimate { name: name.to_owned(), unit, value, sd, ci95 }
+    let half = half_width95(sd);
+    Estimate { name: name.to_owned(), unit, value, sd, ci95: [value - half, value + half] }
+}
+
+/// Half-width of the 95 % interval of a normal distribution.
+pub(crate) fn half_width95(sd: f64) -> f64 {
+    Normal::standard().inverse_cdf(0.975) * sd
 }
 
 pub(crate) fn law_name(bench: &Bench<'_>, law: &Law) -> LawName {

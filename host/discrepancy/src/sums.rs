@@ -7,7 +7,7 @@
 use super::bench::{Bench, Law, rms};
 use super::fit::Fitted;
 use super::form::Form;
-use super::made::NORMAL_975;
+use super::made::half_width95;
 use super::model::Error;
 use super::score::{no_covariance, scores};
 use super::search::Search;
@@ -104,7 +104,7 @@ fn is_sum(bench: &Bench<'_>, fitted: &Fitted, member: usize, everyday: f64) -> R
     };
     let number = super::made::first_of(bench, &fitted.laws, member) + law.form.amplitudes().len();
     let Some(fraction) = fitted.values.get(number).copied() else { return Ok(false) };
-    let half_width = NORMAL_975 * fitted.sd(number);
+    let half_width = half_width95(fitted.sd(number));
     if (fraction - zero).abs() > half_width {
         return Ok(false);
     }

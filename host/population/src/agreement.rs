@@ -51,7 +51,7 @@ pub fn agreement(label: &str, rows: &[(String, String, f64)]) -> Vec<Agreement> 
             let mean = differences.iter().sum::<f64>() / n as f64;
             let sd = (differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt();
             let t = StudentsT::new(0.0, 1.0, (n - 1) as f64).ok()?.inverse_cdf(0.975);
-            let [ratio_ci95, limits95] = [t * sd / (n as f64).sqrt(), crate::NORMAL_975 * sd]
+            let [ratio_ci95, limits95] = [t * sd / (n as f64).sqrt(), crate::normal_975() * sd]
                 .map(|half| [(mean - half).exp(), (mean + half).exp()]);
             Some(Agreement {
                 label: label.to_owned(),

@@ -1,10 +1,10 @@
 //! The whole analysis of a population: shared effects first, then K corrected for them.
 
-use crate::NORMAL_975;
 use crate::agreement::agreement;
 use crate::error::PopulationError;
 use crate::levels::Levels;
 use crate::nested::Observations;
+use crate::normal_975;
 use crate::outliers::Judged;
 use crate::patterns::Places;
 use crate::random_effects::{Estimate, RandomEffects, random_effects};
@@ -249,7 +249,8 @@ fn interval(ln: f64, ends: [f64; 2]) -> Interval {
 }
 
 fn normal_interval(ln: f64, sd: f64) -> Interval {
-    interval(ln, [ln - NORMAL_975 * sd, ln + NORMAL_975 * sd])
+    let half = normal_975() * sd;
+    interval(ln, [ln - half, ln + half])
 }
 
 fn modulus(mean: &Estimate) -> Interval {
@@ -396,7 +397,7 @@ fn tip_loads(summaries: &[Summary]) -> Vec<TipLoadResult> {
             continue;
         };
         let (Some(load), Some([low, high])) = (result.tip_load_n, result.tip_load_ci95_n) else { continue };
-        let sd = (high - low) / (2.0 * NORMAL_975);
+        let sd = (high - low) / (2.0 * normal_975());
         if sd > 0.0 && load.is_finite() && sd.is_finite() {
             let group = groups.entry((summary.needle.as_ref(), summary.tissue.as_ref())).or_default();
             group.0.push(load);

@@ -9,7 +9,7 @@ fn record(number: usize, ln_k_kpa: f64, ln_k_sd: f64) -> Summary {
         verdict: "adequate".to_owned(),
         foundation: "springs".to_owned(),
         k_kpa: ln_k_kpa.exp(),
-        k_ci95_kpa: [-NORMAL_975, NORMAL_975].map(|half| (ln_k_kpa + half * ln_k_sd).exp()),
+        k_ci95_kpa: [-normal_975(), normal_975()].map(|half| (ln_k_kpa + half * ln_k_sd).exp()),
         ln_k_kpa,
         ln_k_sd,
         ln_modulus_without_effects: [ln_k_kpa, ln_k_sd],

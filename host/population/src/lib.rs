@@ -36,8 +36,7 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
-/// Half-width of a 95 % interval of a normal distribution, in standard deviations.
-pub(crate) const NORMAL_975: f64 = 1.959_963_984_540_054;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 mod agreement;
 mod analysis;
@@ -70,3 +69,8 @@ pub use read::read_summaries;
 pub use records::Records;
 pub use results::*;
 pub use summary::*;
+
+/// Half-width of a 95 % interval of a normal distribution, in standard deviations.
+pub(crate) fn normal_975() -> f64 {
+    Normal::standard().inverse_cdf(0.975)
+}

@@ -59,7 +59,7 @@ pub fn prior_toml(population: &Population) -> String {
             });
         }
         let [low, high] = tip.load_n.ci95;
-        let se = (high - low) / (2.0 * crate::NORMAL_975);
+        let se = (high - low) / (2.0 * crate::normal_975());
         let _ = write!(
             text,
             "sessions = {}\nload_n = {:?}\nload_sd_n = {:?}\n",

@@ -7,6 +7,7 @@ use crate::components::{
     Draw, determined, draws, freedom, moments, profile, quantile, quantile_of_normals, sensitivity,
 };
 use crate::nested::{Nested, Observations};
+use crate::normal_975;
 use crate::outliers::{Judged, Weighed};
 use crate::tree::{Excess, Tree};
 use nalgebra::{DMatrix, DVector};
@@ -102,7 +103,7 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
         let constant = row.iter().next().copied().unwrap_or(0.0).powi(2);
         let ends = quantile_of_normals(&components, constant * common);
         // Values that agree by chance are not known better than their errors state.
-        let stated = crate::NORMAL_975 * row.dot(&(&stated.covariance * row)).sqrt();
+        let stated = normal_975() * row.dot(&(&stated.covariance * row)).sqrt();
         let (low, high) = (ends[0].min(value - stated), ends[1].max(value + stated));
         let degrees_of_freedom = satterthwaite(&components);
         (
@@ -202,7 +203,7 @@ fn satterthwaite(parts: &[(f64, f64)]) -> f64 {
 
 fn t_975(freedom: f64) -> f64 {
     let t = StudentsT::new(0.0, 1.0, freedom).ok().filter(|_| freedom < 1e6);
-    t.map_or(crate::NORMAL_975, |t| t.inverse_cdf(0.975))
+    t.map_or_else(normal_975, |t| t.inverse_cdf(0.975))
 }
 
 /// Variance that stated errors have in common: what they state beyond how much the sessions scatter, where that is too little for chance.

@@ -5,7 +5,7 @@
 //! fitted beside each other. An effect is named where its probability by chance, times the number of tests, is below 1 %, where it is
 //! not too small to matter, and where its value from each half of the sessions shrinks the misfit of the other half.
 
-use crate::NORMAL_975;
+use crate::normal_975;
 use crate::patterns::{MIN_SESSIONS, Pattern, Places, members, patterns};
 use crate::results::{Competing, HeldOut, SharedEffect, SharedKind, SharedParameter};
 use crate::sharing::{Hypothesis, Likelihoods, MAX_PARAMETERS, Sum, Test, Vector};
@@ -294,7 +294,7 @@ fn parameters(hypothesis: &Hypothesis, mean: &Vector, sd: &Vector) -> Vec<Shared
         .take(MAX_PARAMETERS)
         .enumerate()
         .map(|(number, one)| {
-            let [value, low, high] = [0.0, -NORMAL_975, NORMAL_975].map(|sds| {
+            let [value, low, high] = [0.0, -normal_975(), normal_975()].map(|sds| {
                 let value = one.prior_sd * (mean[number] + sds * sd[number]);
                 if one.is_log { one.neutral * value.exp() } else { one.neutral + value }
             });
