@@ -32,7 +32,7 @@ pub(super) fn lateral(
     let (force_at, force) = required("force_y_n")?;
     let (moved_at, moved) = required("displacement_y_mm")?;
     let base = timed.get(force_at);
-    check_merge(taken, [base, timed.get(moved_at)], options)?;
+    check_merge(taken, timed, [base, timed.get(moved_at)], options)?;
     let shift_s = |at: usize| base.zip(timed.get(at)).and_then(|(base, other)| other.shift_to(base, options));
     // Offsets are between the times that the files have.
     let origin_s = base.zip(timed.get(moved_at)).map_or(0.0, |(base, other)| other.origin_shift_s(base));
@@ -146,8 +146,13 @@ pub(super) fn lateral(
     Ok(())
 }
 
-/// Refuses a column of times that a file does not have, and notes options for two files where there is one.
-fn check_merge(taken: &mut Taken, tables: [Option<&Timed>; 2], options: &Options) -> Result<(), TableError> {
+/// Refuses a column of times that no two files share, and notes options for two files where there is one.
+fn check_merge(
+    taken: &mut Taken,
+    timed: &[Timed],
+    tables: [Option<&Timed>; 2],
+    options: &Options,
+) -> Result<(), TableError> {
     let [Some(of_force), Some(of_moved)] = tables else { return Ok(()) };
     if std::ptr::eq(of_force.table, of_moved.table) {
         let merge_on = options.merge_on.as_ref().map(|_| "--merge-on");
@@ -160,15 +165,18 @@ fn check_merge(taken: &mut Taken, tables: [Option<&Timed>; 2], options: &Options
         return Ok(());
     }
     let Some(name) = &options.merge_on else { return Ok(()) };
-    match tables.into_iter().flatten().find(|timed| !timed.is_named(name)) {
-        None => Ok(()),
-        Some(timed) => Err(TableError::Map {
-            choice: format!("--merge-on '{name}'"),
-            problem: format!("no name of the times that are taken of {}", timed.table.path.display()),
-            expected: "the name of the column of times in both files, or --offset-s where these differ"
-                .to_owned(),
-        }),
+    // A third file may share it with one of these, while the other has a clock of its own.
+    if timed.iter().filter(|timed| timed.is_named(name)).count() > 1 {
+        return Ok(());
     }
+    let unnamed = timed.iter().filter(|timed| !timed.is_named(name));
+    let paths: Vec<String> = unnamed.map(|timed| timed.table.path.display().to_string()).collect();
+    Err(TableError::Map {
+        choice: format!("--merge-on '{name}'"),
+        problem: format!("no name of the times that are taken of {}", paths.join(" and ")),
+        expected: "the name of the column of times in both files, or --offset-s where these differ"
+            .to_owned(),
+    })
 }
 
 /// Remarks on clocks that are taken as one, by the files or by the user, where the ramps of both contradict that.
