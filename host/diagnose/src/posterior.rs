@@ -7,7 +7,7 @@
 mod quantities;
 mod round;
 
-pub(super) use round::{jacobian, misfit, residuals};
+pub(super) use round::{MAX_LN_STEP, jacobian, misfit, residuals, squares_at};
 
 use super::evidence::{Evidence, Patterns, Products};
 use super::layout::{HeavyTailedParameter, Layout, Prepared, StatedPlace};

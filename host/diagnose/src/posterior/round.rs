@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use readings::{FitError, Parameter, bounded_step};
 
 /// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
-const MAX_LN_STEP: f64 = 0.7;
+pub(crate) const MAX_LN_STEP: f64 = 0.7;
 const MAX_STEP_SD: f64 = 1.2;
 /// Largest number of halvings of a step.
 const MAX_HALVINGS: usize = 5;
@@ -157,6 +157,19 @@ pub(super) fn squares(
     let misfit = misfit(patterns, sizes, &point.residuals)?;
     let priors: f64 = parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v).powi(2)).sum();
     Some(misfit + priors)
+}
+
+/// The same at these values; nothing where the model has no solution.
+pub(crate) fn squares_at(
+    layout: &Layout,
+    runs: &[Prepared],
+    patterns: &Patterns,
+    values: &[f64],
+    sizes: &[f64],
+) -> Option<f64> {
+    let parameters = layout.parameters(values);
+    let point = Point { residuals: residuals(layout, runs, values).ok()?, values: values.to_vec() };
+    squares(patterns, sizes, &parameters, &point)
 }
 
 /// The point behind a whole step; nothing where the model has no solution there.

@@ -2,7 +2,7 @@
 
 use super::super::found::{Candidate, Standing};
 use super::super::layout::{Layout, Scale};
-use super::super::posterior::{Fitted, MAX_ROUNDS};
+use super::super::posterior::{Fitted, MAX_LN_STEP, MAX_ROUNDS, squares_at};
 use super::super::score::Score;
 use super::super::weights::{ModelPrior, NO_WEIGHT, one_sided, stated_ln_odds};
 use super::Search;
@@ -19,6 +19,10 @@ const MIN_SCORE: f64 = -2.0;
 /// Rounds of the first fit; the best of these, and all that are not far behind them, go on until they settle.
 const FIRST_ROUNDS: usize = 2;
 const MAX_SETTLED: usize = 5;
+/// Shares of the likely size of an effect, and steps of the modulus, from which a fit starts that first rounds have not brought to where its
+/// score says that it is: each twice the one before, and as far as these rounds go.
+const LIKELY_SHARES: [f64; 4] = [0.125, 0.25, 0.5, 1.0];
+const MODULUS_STEPS: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
 /// Logarithm of odds of one in a thousand: a first fit that is less likely is not continued.
 const NEGLIGIBLE: f64 = -7.0;
 /// Site and regressor of a law of the grammar.
@@ -98,20 +102,33 @@ impl Search<'_> {
             })
             .for_each(|candidate| candidate.refit = self.refit(base, &candidate.score));
         candidates.sort_by(by_promise);
-        // A fit that has not come to its end goes on where it promises no less than others have.
-        let near = candidates.iter().map(Candidate::gain).fold(f64::NEG_INFINITY, f64::max) + NO_WEIGHT;
+        // A fit that has not come to its end goes on where it promises no less than others have; and one whose score promises more than any fit
+        // has, from another place, too.
+        let best_gain = candidates.iter().map(Candidate::gain).fold(f64::NEG_INFINITY, f64::max);
+        let near = best_gain + NO_WEIGHT;
+        let promised_score = least_promised_score(&candidates, best_gain.max(0.0));
         let settled = |(rank, candidate): (usize, &mut Candidate)| {
             let is_costly = candidate.score.effect.info().is_costly;
             let promised_gain = candidate.promised_gain();
             let is_unlikely = promised_gain + prior.ln_odds(candidate.score.effect) < NEGLIGIBLE
                 || is_costly && candidate.gain() < 0.0;
             let is_behind = is_unlikely || rank >= MAX_SETTLED && promised_gain < near;
-            if let Some((fitted, gain)) = candidate.refit.as_mut().filter(|_| !is_behind) {
-                // The first rounds may have ended higher only where they ended beyond a range.
-                if let Some(again) = self.fit(&fitted.layout, fitted.values(), &fitted.sizes, MAX_ROUNDS) {
-                    *gain += again.log_evidence - fitted.log_evidence;
-                    *fitted = again;
-                }
+            let is_promised = !is_costly && candidate.score.log_evidence >= promised_score;
+            let effect = candidate.score.effect;
+            let Some((fitted, gain)) = candidate.refit.as_mut() else { return };
+            let mut ends = Vec::new();
+            if !is_behind {
+                ends.extend(self.fit(&fitted.layout, fitted.values(), &fitted.sizes, MAX_ROUNDS));
+            }
+            if is_promised {
+                let sizes = self.at_most_everyday(&fitted.sizes);
+                let start = self.best_of_likely(fitted, effect, &sizes);
+                ends.extend(self.fit(&fitted.layout, &start, &sizes, MAX_ROUNDS));
+            }
+            // The first rounds may have ended higher only where they ended beyond a range.
+            if let Some(again) = ends.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence)) {
+                *gain += again.log_evidence - fitted.log_evidence;
+                *fitted = again;
             }
         };
         candidates.par_iter_mut().enumerate().for_each(settled);
@@ -130,6 +147,31 @@ impl Search<'_> {
         rounds: usize,
     ) -> Option<Fitted> {
         Fitted::new(layout, self.runs, self.patterns, starts, sizes, rounds).ok()
+    }
+
+    /// The best place for a fit among likely sizes of its last effect and moduli that first rounds do not reach; at these sizes of the
+    /// discrepancy.
+    fn best_of_likely(&self, fitted: &Fitted, effect: &dyn Effect, sizes: &[f64]) -> Vec<f64> {
+        let first = fitted.values().len() - effect.parameters().len();
+        let mut starts = vec![fitted.values().to_vec()];
+        for (number, info) in effect.parameters().iter().enumerate().filter(|(_, info)| info.nodes.is_empty())
+        {
+            let scale = Scale::of(info);
+            let neutral = scale.inside(info.neutral);
+            for (end, share) in info.likely.iter().flat_map(|end| LIKELY_SHARES.map(|share| (*end, share))) {
+                for steps in MODULUS_STEPS {
+                    let mut start = fitted.values().to_vec();
+                    start[0] += steps * MAX_LN_STEP;
+                    start[first + number] = neutral + share * (scale.inside(end) - neutral);
+                    starts.push(start);
+                }
+            }
+        }
+        let squares =
+            starts.iter().map(|start| squares_at(&fitted.layout, self.runs, self.patterns, start, sizes));
+        let judged = squares.zip(&starts).filter_map(|(squares, start)| Some((squares?, start)));
+        let best = judged.min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or_else(|| fitted.values().to_vec(), |(_, start)| start.clone())
     }
 
     pub(super) fn at_most_everyday(&self, sizes: &[f64]) -> Vec<f64> {
@@ -162,4 +204,18 @@ impl Search<'_> {
         let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);
         Some((fitted, gain))
     }
+}
+
+/// The score from which on a first fit that was not at its end goes on although it is behind: its score promises more than any fit has
+/// reached, as where the plain model was fitted far from the true modulus and the first rounds did not come back.
+fn least_promised_score(candidates: &[Candidate], best_gain: f64) -> f64 {
+    let mut promised_scores: Vec<f64> = candidates
+        .iter()
+        .filter(|candidate| candidate.refit.as_ref().is_some_and(|(fitted, _)| !fitted.settled))
+        .map(|candidate| candidate.score.log_evidence)
+        .filter(|score| *score > best_gain)
+        .collect();
+    promised_scores.sort_by(|a, b| b.total_cmp(a));
+    promised_scores.truncate(MAX_SETTLED);
+    promised_scores.last().copied().unwrap_or(f64::INFINITY)
 }
