@@ -90,7 +90,7 @@ impl Fitted {
         let mut round = 0;
         // After a short step they are as before.
         let mut sensitivities = Vec::new();
-        let mut left: Option<Self> = None;
+        let mut before_jump: Option<Self> = None;
         loop {
             // Priors with heavy tails follow the values.
             parameters = layout.parameters(&point.values);
@@ -113,8 +113,8 @@ impl Fitted {
                     evidence,
                     settled,
                 )?;
-                return Ok(match left {
-                    Some(left) if left.log_evidence > last.log_evidence => left,
+                return Ok(match before_jump {
+                    Some(before) if before.log_evidence > last.log_evidence => before,
                     _ => last,
                 });
             }
@@ -131,8 +131,11 @@ impl Fitted {
                 // No shorter step is better either. Where the linearised model promises more a place that data jump over may be in between:
                 // the other side is tried once.
                 None => {
-                    let there =
-                        if left.is_none() && !short { stepped(layout, runs, &point, &step) } else { None };
+                    let there = if before_jump.is_none() && !short {
+                        stepped(layout, runs, &point, &step)
+                    } else {
+                        None
+                    };
                     let Some(there) = there else {
                         settled = true;
                         continue;
@@ -156,7 +159,7 @@ impl Fitted {
                     } else {
                         settled = true;
                     }
-                    left = Some(here);
+                    before_jump = Some(here);
                 }
             }
         }

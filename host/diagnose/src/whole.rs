@@ -74,14 +74,14 @@ impl Whole {
         };
         let averaged =
             of_training.averaged.refitted(&final_fit, &self.springs.patterns, |fit| self.refitted(fit))?;
-        let beside = of_training
+        let other_models = of_training
             .beside
             .iter()
-            .map(|beside| Ok(Beside { fitted: self.refitted(&beside.fitted)?, ..beside.clone() }));
-        let beside = beside.collect::<Result<_, FitError>>()?;
+            .map(|other| Ok(Beside { fitted: self.refitted(&other.fitted)?, ..other.clone() }));
+        let other_models = other_models.collect::<Result<_, FitError>>()?;
         let foundation = of_training.foundation.fitted_again(&final_fit, &self.springs.fitted);
         let start = Start { fitted: chosen, ..self.springs };
-        Ok(Stated { start, final_fit, averaged, beside, foundation })
+        Ok(Stated { start, final_fit, averaged, beside: other_models, foundation })
     }
 
     /// A model fitted to all runs from where it is.
