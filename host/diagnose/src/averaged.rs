@@ -11,6 +11,7 @@ use super::evidence::Patterns;
 use super::found::{Candidate, Found, Standing};
 use super::foundation::VARIED;
 use super::layout::NORMAL_975;
+use super::on_springs::OnSprings;
 use super::posterior::Fitted;
 use super::weights::{NO_WEIGHT, limit_refused};
 use formats::model_file::Alternative;
@@ -191,7 +192,7 @@ impl Averaged {
     /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the result has one modulus for all of the
     /// tissue, one that varies with depth counts with its mean over the tissue that was touched: its value at the
     /// surface is another quantity.
-    fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
+    pub fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
         if self.counts_with_mean(fit) {
             fit.ln_mean_modulus(self.touched_m)
         } else {
@@ -204,23 +205,21 @@ impl Averaged {
         varies(fit) && !varies(&self.own)
     }
 
-    /// Interval of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever
-    /// effects, is `plain`, that of springs without effects and its standard deviation, as logarithms.
-    pub fn k_pa(&self, plain: (f64, f64), beside: &[Beside]) -> Option<[f64; 2]> {
+    /// The modulus K of springs, Pa, and its interval with models on the other foundation.
+    pub fn k_pa(&self, on_springs: &OnSprings, beside: &[Beside]) -> (f64, Option<[f64; 2]>) {
         let chosen_fits = self.fits.iter().map(|(weight, fit)| (*weight, fit));
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
         let other_fits = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
         let weighted_moments: Vec<(f64, f64, f64)> = chosen_fits
             .chain(other_fits)
             .filter_map(|(weight, fit)| {
-                let is_body = fit.layout.support.is_body();
-                let (ln, sd) = if is_body { plain } else { self.ln_modulus(fit)? };
+                let (ln, sd) = self.ln_modulus(on_springs.stating_k_of(fit))?;
                 Some((weight, ln, sd))
             })
             .collect();
-        let value_pa =
-            if self.own.layout.support.is_body() { plain.0.exp() } else { self.own.modulus_pa().0 };
-        Some(holding(interval(&weighted_moments)?.map(in_range_pa), value_pa))
+        let (value_pa, _) = on_springs.stating_k_of(&self.own).modulus_pa();
+        let ends = interval(&weighted_moments);
+        (value_pa, ends.map(|ends| holding(ends.map(in_range_pa), value_pa)))
     }
 
     /// Interval of the mean modulus down to the depth that was touched, Pa.

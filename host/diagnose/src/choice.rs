@@ -124,7 +124,7 @@ fn is_in_question(first: &Start, second: &Start, found: &Found) -> Result<bool, 
         found.members.is_empty() && Adequacy::of(&first.fitted, &first.runs, &first.patterns)?.is_adequate();
     // Effects that stand in for the other foundation are needed on one of them only; and what has no name on one may have one on the
     // other, which has effects of its own.
-    if !is_adequate && !second.is_far_behind(found)? {
+    if !is_adequate && !second.is_far_behind(found, &first.fitted)? {
         return Ok(true);
     }
     let needed_gain = found.fitted.log_evidence - second.fitted.log_evidence - IN_QUESTION;

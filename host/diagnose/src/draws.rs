@@ -12,6 +12,7 @@ use super::averaged::Averaged;
 use super::choice::Beside;
 use super::evidence::Patterns;
 use super::layout::{NORMAL_975, Prepared, Scale};
+use super::on_springs::OnSprings;
 use super::posterior::Fitted;
 use super::results::Diagnosis;
 use ::readings::draws::{DrawOptions, Draws, Group, Random};
@@ -230,8 +231,8 @@ pub(super) struct Sources<'a> {
     pub averaged: &'a Averaged,
     /// Models on the foundation that was not chosen.
     pub beside: &'a [Beside],
-    /// K of plain springs: logarithm in Pa, and standard deviation.
-    pub plain: (f64, f64),
+    /// K of the models of a body.
+    pub on_springs: &'a OnSprings,
     pub runs: &'a [Prepared],
     pub patterns: &'a Patterns,
 }
@@ -242,7 +243,7 @@ impl Sources<'_> {
     /// # Errors
     /// [`FitError`] where a model cannot be evaluated.
     pub fn draws(&self, found: &Diagnosis, options: DrawOptions) -> Result<Draws, FitError> {
-        let Self { averaged, beside, plain, .. } = *self;
+        let Self { averaged, beside, on_springs, .. } = *self;
         let chosen_fit = averaged.own();
         let of_choice: Vec<(f64, &Fitted)> =
             averaged.fits().iter().map(|(weight, fitted)| (*weight, fitted)).collect();
@@ -253,7 +254,10 @@ impl Sources<'_> {
         deviations.add_models(&mut draws);
         let is_body = chosen_fit.layout.support.is_body();
         let k = deviations.of(APART, |fitted| match fitted.layout.support.is_body() {
-            true => Linear::apart(plain.0, plain.1),
+            true => match averaged.ln_modulus(on_springs.stating_k_of(fitted)) {
+                Some((value, sd)) => Linear::apart(value, sd),
+                None => Linear::fixed(f64::NAN),
+            },
             false => self.ln_modulus(fitted),
         });
         draws.scalar(Group::Posterior, "k_kpa", kpa(k));

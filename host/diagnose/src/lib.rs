@@ -61,6 +61,7 @@ mod misread;
 pub mod models;
 mod next;
 mod noise;
+mod on_springs;
 mod posterior;
 mod predicted;
 mod prospects;

@@ -8,8 +8,9 @@ use super::data::{Channel, Kind, Run};
 use super::draws::Sources;
 use super::evidence::Patterns;
 use super::found::{Candidate, Found, Member, Standing};
-use super::layout::{NORMAL_975, Prepared};
+use super::layout::Prepared;
 use super::noise::Noise;
+use super::on_springs::OnSprings;
 use super::posterior::Fitted;
 use super::prospects::{Known, Prospects};
 use super::results::{
@@ -40,6 +41,8 @@ pub(super) struct DiagnosisReport<'a> {
     pub averaged: Averaged,
     /// Models on the foundation that was not chosen, likeliest first.
     pub other_foundation: Vec<Beside>,
+    /// K of the models of a body.
+    pub on_springs: OnSprings,
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
     /// Disagreement of the model with the rig as it was known, if the rig has changed.
@@ -70,22 +73,15 @@ impl DiagnosisReport<'_> {
         let next_measurement = classes
             .filter_map(|member| next::next_measurement(&member.class, self.all, self.noise))
             .max_by(|a, b| a.expected_divergence.total_cmp(&b.expected_divergence));
-        let (modulus_pa, own_ci95_pa) = final_fit.modulus_pa();
-        let modulus_kpa = 1e-3 * modulus_pa;
+        let (_, own_ci95_pa) = final_fit.modulus_pa();
         let modulus_ci95_kpa = averaged.modulus_pa().unwrap_or(own_ci95_pa).map(|end| 1e-3 * end);
-        // On a body the foundation modulus is that of plain springs.
         let mut foundation = self.foundation.clone();
         if let Some(youngs) = &mut foundation.youngs_modulus_kpa {
             youngs.ci95 = modulus_ci95_kpa;
         }
-        let plain = foundation.k_of_plain_springs_kpa;
-        let with_other =
-            averaged.k_pa(self.plain_ln(), &self.other_foundation).map(|ends| ends.map(|end| 1e-3 * end));
-        let (k_kpa, k_ci95_kpa) = if final_fit.layout.support.is_body() {
-            (plain.value, with_other.unwrap_or(plain.ci95))
-        } else {
-            (modulus_kpa, with_other.unwrap_or(modulus_ci95_kpa))
-        };
+        let (k_pa, k_ci95_pa) = averaged.k_pa(&self.on_springs, &self.other_foundation);
+        let k_kpa = 1e-3 * k_pa;
+        let k_ci95_kpa = k_ci95_pa.map_or(modulus_ci95_kpa, |ends| ends.map(|end| 1e-3 * end));
         let near_margin = self.near_margin();
         let tip = final_fit.tip_load_n();
         let touched_m = averaged.touched_m();
@@ -163,17 +159,10 @@ impl DiagnosisReport<'_> {
         }
     }
 
-    /// Logarithm of K of plain springs, Pa, and its standard deviation.
-    fn plain_ln(&self) -> (f64, f64) {
-        let plain = self.foundation.k_of_plain_springs_kpa;
-        let [low, high] = plain.ci95.map(|end| (1e3 * end).ln());
-        ((1e3 * plain.value).ln(), (high - low) / (2.0 * NORMAL_975))
-    }
-
     /// Sources of the draws.
     pub fn sources<'a>(&'a self, runs: &'a [Prepared], patterns: &'a Patterns) -> Sources<'a> {
-        let (averaged, other_fits) = (&self.averaged, self.other_foundation.as_slice());
-        Sources { averaged, beside: other_fits, plain: self.plain_ln(), runs, patterns }
+        let Self { averaged, on_springs, .. } = self;
+        Sources { averaged, beside: &self.other_foundation, on_springs, runs, patterns }
     }
 
     /// Expected information of the planned runs of the options.

@@ -111,17 +111,30 @@ impl Start {
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn is_far_behind(&self, found: &Found) -> Result<bool, FitError> {
+    pub fn is_far_behind(&self, found: &Found, plain: &Fitted) -> Result<bool, FitError> {
         if found.members.is_empty() {
             return Ok(false);
         }
-        let layout = Layout { support: self.fitted.layout.support, ..found.fitted.layout.clone() };
-        // Moduli, and what else both have, from here; the effects from there.
-        let mut starts = found.fitted.values().to_vec();
-        starts.iter_mut().zip(self.fitted.values()).for_each(|(start, own)| *start = *own);
+        let (layout, starts) =
+            self.with_effects_of(&found.fitted, self.ln_modulus_beside(&found.fitted, plain));
         let same_fit =
-            Fitted::new(&layout, &self.runs, &self.patterns, &starts, &found.fitted.sizes, FIRST_ROUNDS);
+            Fitted::new(&layout, &self.runs, &self.patterns, &starts, &found.fitted.sizes, MAX_ROUNDS);
         Ok(same_fit.is_ok_and(|same_fit| same_fit.log_evidence < found.fitted.log_evidence + NO_WEIGHT))
+    }
+
+    /// Logarithm of the modulus of this foundation to start from beside the effects of a model on another one: effects move the moduli of
+    /// both alike, more or less.
+    pub fn ln_modulus_beside(&self, model: &Fitted, plain: &Fitted) -> f64 {
+        let [own_ln, model_ln, plain_ln] = [&self.fitted, model, plain].map(Fitted::ln_modulus);
+        own_ln + model_ln - plain_ln
+    }
+
+    /// This foundation with the effects of a model on another one, and values to start from: those of there, but for the modulus.
+    pub fn with_effects_of(&self, model: &Fitted, ln_modulus: f64) -> (Layout, Vec<f64>) {
+        let layout = Layout { support: self.fitted.layout.support, ..model.layout.clone() };
+        let mut values = model.values().to_vec();
+        values.iter_mut().take(1).for_each(|value| *value = ln_modulus);
+        (layout, values)
     }
 
     /// Disagreement of model and measurement.

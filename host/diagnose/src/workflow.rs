@@ -8,6 +8,7 @@ use super::found::{Found, Member};
 use super::known::{self, Released};
 use super::layout::{Layout, kinds};
 use super::noise::Noise;
+use super::on_springs::OnSprings;
 use super::remaining::Remaining;
 use super::report::{self, DiagnosisReport};
 use super::split::{Training, split};
@@ -122,6 +123,7 @@ pub(super) fn workflow<T>(
             Err(why) => warnings.push(format!("values are without what was held out: {why}")),
         }
     }
+    let on_springs = OnSprings::of(&stated.start, &stated.averaged, &stated.beside)?;
     let report = DiagnosisReport {
         session,
         options,
@@ -131,6 +133,7 @@ pub(super) fn workflow<T>(
         final_fit: &stated.final_fit,
         averaged: stated.averaged,
         other_foundation: stated.beside,
+        on_springs,
         noise: &noise,
         adequacy: [&adequacy_before, &adequacy_after],
         disagreement: disagreement.as_ref(),

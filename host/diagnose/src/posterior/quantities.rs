@@ -43,6 +43,11 @@ impl Fitted {
         of_logarithm(self.values[0], self.sd(0))
     }
 
+    /// Logarithm of the modulus, Pa.
+    pub fn ln_modulus(&self) -> f64 {
+        self.values[0]
+    }
+
     /// Logarithm of the mean modulus, Pa, over the tissue down to a depth, and its standard deviation; nothing where the model makes no
     /// sense around the fit. With effects of the tissue the modulus itself is that of a place or a layer, the mean is what effects that
     /// explain the data alike have in common.
