@@ -257,6 +257,34 @@ impl Fitted {
         Some(covariance[(0, 0)] * sd * sd)
     }
 
+    /// Residuals of runs beside what they change by where the parameters are off by one standard deviation along each axis of their
+    /// covariance; nothing where that has no factor.
+    pub fn with_spread(
+        &self,
+        residuals: &[Vec<f64>],
+        jacobian: &[DMatrix<f64>],
+    ) -> Option<Vec<DMatrix<f64>>> {
+        let root = self.covariance.clone().cholesky()?.unpack();
+        let columns = residuals.iter().zip(jacobian).map(|(residuals, jacobian)| {
+            let mut columns = (jacobian * &root).insert_column(0, 0.0);
+            columns.set_column(0, &DVector::from_column_slice(residuals));
+            columns
+        });
+        Some(columns.collect())
+    }
+
+    /// Derivative of the whitened predictions of other runs by the parameters.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn jacobian_of(
+        &self,
+        runs: &[Prepared],
+        residuals: &[Vec<f64>],
+    ) -> Result<Vec<DMatrix<f64>>, FitError> {
+        jacobian(&self.layout, runs, &self.values, &self.layout.parameters(&self.values), residuals, &[])
+    }
+
     /// A column (one part per run) less what the parameters could do about it beside noise alone.
     pub fn less_parameters(&self, column: &[DVector<f64>]) -> Option<Vec<Vec<f64>>> {
         let parameters = self.layout.parameters(&self.values);

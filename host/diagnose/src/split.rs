@@ -6,7 +6,7 @@
 use super::Multiples;
 use super::data::{Channel, Kind, Run, Source};
 use super::discrepancy;
-use super::evidence::{Ahead, Inverse, Patterns};
+use super::evidence::{Ahead, FurtherRun, Inverse, Patterns};
 use super::layout::Prepared;
 use super::noise::Noise;
 use super::posterior::{self, Fitted};
@@ -297,18 +297,21 @@ impl Judge {
         sizes
     }
 
-    /// Every part of what was held out after the training runs, with discrepancy of these sizes.
+    /// Every part of what was held out after the training runs and the parts before it, with discrepancy of these sizes.
     fn after_training(&self, fitted: &Fitted, sizes: &[f64]) -> Option<Vec<Ahead>> {
-        let held_out = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
-        let shared = self.of_training.shared_after(sizes, &fitted.residuals)?;
-        let mut parts = Vec::new();
-        for (number, (prepared, residuals)) in self.runs.iter().zip(&held_out).enumerate() {
-            let run = fitted.residuals.len() + number;
-            for readings in prepared.run.readings_of_parts() {
-                parts.push(self.imperfections.ahead(run, &readings, sizes, &shared, residuals)?);
-            }
-        }
-        Some(parts)
+        let shared = self
+            .of_training
+            .shared_after(sizes, &fitted.with_spread(&fitted.residuals, &fitted.jacobian)?)?;
+        let residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
+        let jacobian = fitted.jacobian_of(&self.runs, &residuals).ok()?;
+        let columns = fitted.with_spread(&residuals, &jacobian)?;
+        let further = self.runs.iter().zip(columns).zip(fitted.residuals.len()..);
+        let further_runs = further.map(|((prepared, columns), run)| FurtherRun {
+            run,
+            columns,
+            parts: prepared.run.readings_of_parts(),
+        });
+        self.imperfections.ahead(sizes, &shared, &further_runs.collect::<Vec<_>>())
     }
 
     /// Distances of two models from the held-out runs, and the fraction of the removable misfit that the second one

@@ -56,23 +56,39 @@ fn what_was_held_out_is_judged_after_the_training_runs() {
     assert!((0.5..1.5).contains(&(sum / readings as f64)), "{sum} of {readings} readings");
     assert!(judge.is_chance(&start.fitted));
 
-    let layout = &start.fitted.layout;
-    let run = start.runs.len();
-    let held_out = posterior::residuals(layout, &judge.runs, start.fitted.values()).expect("residuals");
-    let first_parts = judge.runs[0].run.readings_of_parts();
-    let whole: Vec<usize> = (0..held_out[0].len()).collect();
-    let shared = judge.of_training.shared_after(&everyday, &start.fitted.residuals).expect("amplitudes");
-    let whole_run =
-        judge.imperfections.ahead(run, &whole, &everyday, &shared, &held_out[0]).expect("a density");
-    let with_run = [start.fitted.residuals.clone(), vec![held_out[0].clone()]].concat();
+    // Of exact parameters the residuals alone are left.
+    let mut exact = start.fitted.clone();
+    exact.covariance *= 1e-18;
+    let parts = judge.after_training(&exact, &everyday).expect("parts");
+    let held_out = posterior::residuals(&exact.layout, &judge.runs, exact.values()).expect("residuals");
+    let all_runs = [exact.residuals.clone(), held_out].concat();
     let [joint_misfit, training_misfit] =
-        [(&judge.imperfections.of_first(run + 1), &with_run), (&judge.of_training, &start.fitted.residuals)]
-            .map(|(patterns, residuals)| {
-                posterior::misfit(patterns, &everyday, residuals).expect("a misfit")
-            });
-    let expected = joint_misfit - training_misfit;
-    assert!((whole_run.square / expected - 1.0).abs() < 1e-6, "{} {expected}", whole_run.square);
-    assert_eq!(parts[0].readings, first_parts[0].len());
+        [(&judge.imperfections, &all_runs), (&judge.of_training, &exact.residuals)].map(
+            |(patterns, residuals)| posterior::misfit(patterns, &everyday, residuals).expect("a misfit"),
+        );
+    let (sum, expected) = (parts.iter().map(|part| part.square).sum::<f64>(), joint_misfit - training_misfit);
+    assert!((sum / expected - 1.0).abs() < 1e-6, "{sum} {expected}");
+    assert_eq!(parts[0].readings, judge.runs[0].run.readings_of_parts()[0].len());
+}
+
+/// What the training runs leave open of a parameter is no error of the model: the held-out runs are expected to tell of it.
+#[test]
+fn what_is_not_determined_costs_no_more_than_it_can_be() {
+    let (start, judge) = start_and_judge();
+    let square = |fitted: &Fitted| -> f64 {
+        let parts = judge.after_training(fitted, &judge.imperfections.everyday()).expect("parts");
+        parts.iter().map(|part| part.square).sum()
+    };
+    let mut values = start.fitted.values().to_vec();
+    values[0] += 0.2;
+    let Start { runs, patterns, fitted } = &start;
+    let mut off = Fitted::new(&fitted.layout, runs, patterns, &values, &fitted.sizes, 0).expect("a fit");
+    off.covariance = fitted.covariance.clone();
+    let as_certain = square(&off);
+    off.covariance[(0, 0)] += 0.2 * 0.2;
+    let (as_open, right) = (square(&off), square(&start.fitted));
+    assert!(as_certain > right + 10.0, "{as_certain} {right}");
+    assert!((as_open - right).abs() < 0.2 * (as_certain - right), "{as_open} {as_certain} {right}");
 }
 
 /// A model that needs a larger discrepancy predicts less sharply, and pays for it.

@@ -20,7 +20,7 @@ mod integrated;
 mod inverse;
 mod sizes;
 
-pub use ahead::{Ahead, SharedAmplitudes};
+pub use ahead::{Ahead, FurtherRun, SharedAmplitudes};
 pub use elimination::Elimination;
 pub use inverse::Inverse;
 

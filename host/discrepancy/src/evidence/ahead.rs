@@ -1,19 +1,38 @@
 //! Readings that no fit has used, as a model with its discrepancy expects them after the runs that it was fitted to.
 //!
-//! The amplitudes of the patterns that runs share have a posterior after the residuals of the fitted runs, of mean `mu` and covariance C (in
-//! sizes); further runs have amplitudes of their own besides. Readings of such a run are then normal, of mean `Phi s mu` and covariance
-//! `I + Phi s C s Phi^T + Phi_own s^2 Phi_own^T`.
+//! The amplitudes of the patterns that runs share have a posterior after the residuals of the fitted runs, of mean `mu` and covariance
+//! `R^T R` (in sizes); further runs have amplitudes of their own besides, and the parameters of the model are not known exactly. Where these
+//! are off by one standard deviation along an axis of their covariance, residuals change by a column, and `mu` with them. So whitened
+//! readings of further runs are `Phi s mu + U a + e`, where e is noise, every entry of a has unit variance, and U has a column for each
+//! amplitude of the run, each root of a shared one, and each axis of the parameters.
+//!
+//! Parts of the runs follow each other, each after the parts before it: with `Lambda = I + sum U^T U` and `eta = sum U^T d` over the parts so far,
+//! twice minus the logarithm of the density of all of them is `sum d^T d - eta^T Lambda^-1 eta + ln det Lambda`, and a part is what it adds. So
+//! parts add up to the density of all, and what one run has in common, as its zero, counts once: the first part tells of it, the others
+//! expect it.
 
 use super::{Patterns, scale_columns, sizes_of};
 use nalgebra::{DMatrix, DVector};
 
-/// Amplitudes of the patterns that runs share, in sizes of their groups: mean, and a root R of their covariance, `R^T R`.
+/// Amplitudes of the patterns that runs share, in sizes of their groups: mean after every column, and a root R of their covariance, `R^T R`.
 pub struct SharedAmplitudes {
-    mean: DVector<f64>,
+    means: DMatrix<f64>,
     root: DMatrix<f64>,
 }
 
-/// Some readings of a run by the density of a model.
+/// A run that no fit has used.
+#[derive(Debug)]
+pub struct FurtherRun {
+    /// Its number among those of the patterns.
+    pub run: usize,
+    /// Its whitened residuals, and what they change by where the parameters are off by one standard deviation along each axis of their
+    /// covariance.
+    pub columns: DMatrix<f64>,
+    /// Readings of every part.
+    pub parts: Vec<Vec<usize>>,
+}
+
+/// Some readings of a run by the density of a model, after the parts before them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ahead {
     /// Square of the readings' distance from what is expected, in the metric of their covariance.
@@ -24,6 +43,53 @@ pub struct Ahead {
     pub readings: usize,
 }
 
+/// Knowledge of the amplitudes a.
+struct Known {
+    precision: DMatrix<f64>,
+    by_precision: DVector<f64>,
+}
+
+impl Known {
+    fn nothing(count: usize) -> Self {
+        Self { precision: DMatrix::identity(count, count), by_precision: DVector::zeros(count) }
+    }
+
+    /// With so many further amplitudes before the others.
+    fn beside(self, own: usize) -> Self {
+        let Self { precision, by_precision } = self;
+        let count = own + by_precision.len();
+        let mut known = Self::nothing(count);
+        known.precision.view_mut((own, own), precision.shape()).copy_from(&precision);
+        known.by_precision.rows_mut(own, by_precision.len()).copy_from(&by_precision);
+        known
+    }
+
+    fn solved(&self) -> Option<Solved> {
+        let factor = self.precision.clone().cholesky()?.unpack();
+        let solved = factor.solve_lower_triangular(&self.by_precision)?;
+        let ln_determinant = 2.0 * factor.diagonal().map(f64::ln).sum();
+        Some(Solved { square: solved.norm_squared(), ln_determinant, factor, solved })
+    }
+}
+
+/// The same with its factor.
+struct Solved {
+    /// `eta^T Lambda^-1 eta`, and the logarithm of the determinant of Lambda.
+    square: f64,
+    ln_determinant: f64,
+    factor: DMatrix<f64>,
+    solved: DVector<f64>,
+}
+
+impl Solved {
+    /// Knowledge of the last amplitudes alone.
+    fn of_last(&self, last: usize) -> Known {
+        let first = self.solved.len() - last;
+        let root = self.factor.view((first, first), (last, last));
+        Known { precision: root * root.transpose(), by_precision: root * self.solved.rows(first, last) }
+    }
+}
+
 impl Patterns {
     /// Only the first so many runs.
     #[must_use]
@@ -32,40 +98,53 @@ impl Patterns {
         Self::new(self.groups.clone(), self.shared_groups.clone(), first_runs)
     }
 
-    /// Shared amplitudes after whitened residuals of all runs; nothing where a size makes no sense.
-    pub fn shared_after(&self, sizes: &[f64], residuals: &[Vec<f64>]) -> Option<SharedAmplitudes> {
-        let columns: Vec<DMatrix<f64>> =
-            residuals.iter().map(|part| DMatrix::from_column_slice(part.len(), 1, part)).collect();
-        let reduced = self.reduced(sizes, &self.products(&columns), 0)?;
-        Some(SharedAmplitudes { mean: reduced.root.tr_mul(&reduced.solved.column(0)), root: reduced.root })
+    /// Shared amplitudes after whitened columns of all runs, as those of [`FurtherRun::columns`]; nothing where a size makes no sense.
+    pub fn shared_after(&self, sizes: &[f64], columns: &[DMatrix<f64>]) -> Option<SharedAmplitudes> {
+        let reduced = self.reduced(sizes, &self.products(columns), 0)?;
+        Some(SharedAmplitudes { means: reduced.root.tr_mul(&reduced.solved), root: reduced.root })
     }
 
-    /// These readings of a run, of whitened residuals `residuals`, after what gave the shared amplitudes; nothing where a size makes no
-    /// sense.
+    /// The parts of further runs, one after the other, after what gave the shared amplitudes; nothing where a size makes no sense.
     pub fn ahead(
         &self,
-        run: usize,
-        readings: &[usize],
         sizes: &[f64],
         shared: &SharedAmplitudes,
-        residuals: &[f64],
-    ) -> Option<Ahead> {
-        let patterns = self.runs.get(run)?;
-        let mut shared_patterns = patterns.shared.select_rows(readings);
-        scale_columns(&mut shared_patterns, &sizes_of(&self.shared_groups, sizes));
-        let mut run_patterns = patterns.own.select_rows(readings);
-        scale_columns(&mut run_patterns, &sizes_of(&patterns.own_groups, sizes));
-        let by_root = &shared_patterns * shared.root.transpose();
-        let mut covariance = DMatrix::identity(readings.len(), readings.len());
-        covariance += &by_root * by_root.transpose() + &run_patterns * run_patterns.transpose();
-        let measured = readings.iter().map(|at| residuals.get(*at).copied());
-        let measured = DVector::from_vec(measured.collect::<Option<Vec<f64>>>()?);
-        let distance = measured - shared_patterns * &shared.mean;
-        let factor = covariance.cholesky()?;
-        Some(Ahead {
-            square: distance.dot(&factor.solve(&distance)),
-            ln_determinant: 2.0 * super::ln_diagonal(&factor),
-            readings: readings.len(),
-        })
+        further_runs: &[FurtherRun],
+    ) -> Option<Vec<Ahead>> {
+        let in_common = shared.root.nrows() + further_runs.first()?.columns.ncols() - 1;
+        let mut known = Known::nothing(in_common);
+        let mut all_parts = Vec::new();
+        for FurtherRun { run, columns, parts } in further_runs {
+            let patterns = self.runs.get(*run)?;
+            let mut shared_patterns = patterns.shared.clone();
+            scale_columns(&mut shared_patterns, &sizes_of(&self.shared_groups, sizes));
+            let mut run_patterns = patterns.own.clone();
+            scale_columns(&mut run_patterns, &sizes_of(&patterns.own_groups, sizes));
+            let distances = columns - &shared_patterns * &shared.means;
+            let own = run_patterns.ncols();
+            let mut unknowns = run_patterns.resize_horizontally(own + in_common, 0.0);
+            let roots = shared.root.nrows();
+            unknowns.columns_mut(own, roots).copy_from(&(shared_patterns * shared.root.transpose()));
+            unknowns
+                .columns_mut(own + roots, in_common - roots)
+                .copy_from(&distances.columns(1, in_common - roots));
+            known = known.beside(own);
+            let mut so_far = known.solved()?;
+            for readings in parts {
+                let part = unknowns.select_rows(readings);
+                let distance = distances.column(0).select_rows(readings);
+                known.precision.gemm_tr(1.0, &part, &part, 1.0);
+                known.by_precision.gemv_tr(1.0, &part, &distance, 1.0);
+                let with_part = known.solved()?;
+                all_parts.push(Ahead {
+                    square: distance.norm_squared() - (with_part.square - so_far.square),
+                    ln_determinant: with_part.ln_determinant - so_far.ln_determinant,
+                    readings: readings.len(),
+                });
+                so_far = with_part;
+            }
+            known = so_far.of_last(in_common);
+        }
+        Some(all_parts)
     }
 }

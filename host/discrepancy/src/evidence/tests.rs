@@ -233,3 +233,53 @@ fn the_integrated_covariance_is_that_of_a_fine_grid_of_sizes() {
         );
     }
 }
+
+/// The chain rule of normal densities: further runs after the first one, whose parameters and amplitudes it has left open, are all runs less
+/// the first; and so is a part that follows others.
+#[test]
+fn further_runs_have_the_density_of_all_runs_less_that_of_the_first() {
+    let (patterns, columns) = drawn();
+    let sizes = [0.7, 0.4, 0.3];
+    let first = patterns.of_first(1);
+    let (dense_columns, right) = dense(&first, &columns[..1], &sizes);
+    let rows = ROWS[0];
+    let (dense_columns, right) = (dense_columns.rows(0, rows), right.rows(0, rows));
+    let noise = (DMatrix::identity(rows, rows) + dense_columns * dense_columns.transpose()).cholesky();
+    let noise = noise.expect("positive");
+    let (jacobian, residuals) = (right.columns(0, PARAMETERS), right.column(PARAMETERS));
+    let precision = DMatrix::identity(PARAMETERS, PARAMETERS) + jacobian.transpose() * noise.solve(&jacobian);
+    let covariance = precision.try_inverse().expect("a covariance");
+    let values = &covariance * jacobian.transpose() * noise.solve(&residuals);
+    let root = covariance.cholesky().expect("a root").unpack();
+    let with_spread: Vec<DMatrix<f64>> = columns
+        .iter()
+        .map(|columns| {
+            let jacobian = columns.columns(0, PARAMETERS);
+            let mut ordered = (jacobian * &root).insert_column(0, 0.0);
+            ordered.set_column(0, &(columns.column(PARAMETERS) - jacobian * &values));
+            ordered
+        })
+        .collect();
+    let shared = first.shared_after(&sizes, &with_spread[..1]).expect("amplitudes");
+    let further_run =
+        |run: usize, parts: Vec<Vec<usize>>| FurtherRun { run, columns: with_spread[run].clone(), parts };
+    let further_runs = [
+        further_run(1, vec![(0..5).collect(), (5..ROWS[1]).collect()]),
+        further_run(2, vec![(0..ROWS[2]).collect()]),
+    ];
+    let parts = patterns.ahead(&sizes, &shared, &further_runs).expect("densities");
+    let sum: f64 = parts.iter().map(|part| part.square + part.ln_determinant).sum();
+    let of = |patterns: &Patterns, columns: &[DMatrix<f64>]| {
+        let (dense_columns, right) = dense(patterns, columns, &sizes);
+        let rows: usize = columns.iter().map(DMatrix::nrows).sum();
+        let (dense_columns, right) = (dense_columns.rows(0, rows), right.rows(0, rows));
+        let jacobian = right.columns(0, PARAMETERS);
+        let covariance = DMatrix::identity(rows, rows)
+            + dense_columns * dense_columns.transpose()
+            + jacobian * jacobian.transpose();
+        let (factor, residuals) = (covariance.cholesky().expect("positive"), right.column(PARAMETERS));
+        residuals.dot(&factor.solve(&residuals)) + 2.0 * ln_diagonal(&factor)
+    };
+    let expected = of(&patterns, &columns) - of(&first, &columns[..1]);
+    assert!((sum / expected - 1.0).abs() < 1e-9, "{sum} {expected}");
+}
