@@ -18,19 +18,18 @@ fn least_size(info: &ParameterInfo) -> f64 {
     (MIN_OF_OVERLOOKED * overlooked).min(MIN_OF_LIKELY * (high - low))
 }
 
-/// Whether an effect of a fit is large enough to matter, has an interval without its neutral value and without an end of its range, and
-/// the modulus is not at the end of its own.
+/// Whether an effect of a fit is large enough to matter, with an interval that has neither sizes which are not nor an end of its range, and the
+/// modulus is not at the end of its own.
 pub(super) fn is_determined(fitted: &Fitted, index: usize) -> bool {
     let first = fitted.layout.first_of(index);
     let infos = fitted.layout.effects[index].parameters();
-    let excludes_neutral = infos.iter().enumerate().any(|(number, info)| {
+    let is_large = infos.iter().enumerate().any(|(number, info)| {
         let difference = fitted.values()[first + number] - Scale::of(info).inside(info.neutral);
-        info.nodes.is_empty()
-            && difference.abs() > (NORMAL_975 * fitted.sd(first + number)).max(least_size(info))
+        info.nodes.is_empty() && difference.abs() - NORMAL_975 * fitted.sd(first + number) > least_size(info)
     });
     let at_bound =
         fitted.at_bound.first() == Some(&true) || (first..first + infos.len()).any(|i| fitted.at_bound[i]);
-    excludes_neutral
+    is_large
         && !at_bound
         && infos.iter().enumerate().all(|(number, info)| {
             // An interval that reaches the end of a range is a bound, not a value; the neutral value is another matter.

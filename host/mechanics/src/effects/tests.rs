@@ -6,6 +6,7 @@ use crate::{
     predict,
 };
 
+mod across;
 mod frictions;
 mod needle_and_tip;
 

@@ -68,6 +68,10 @@ impl Law {
         match self.regressor {
             Regressor::Force => each(&|i| force_n[i]),
             Regressor::Displacement => each(&|i| commanded_m.get(i).copied().unwrap_or_default()),
+            Regressor::Across => {
+                let across_m = context.commanded_m[1 - plane];
+                each(&|i| across_m.get(i).copied().unwrap_or_default())
+            }
             Regressor::Time => {
                 let start_s = context.time_s.first().copied().unwrap_or_default();
                 each(&|i| context.time_s.get(i).map_or(0.0, |time_s| time_s - start_s))
@@ -90,6 +94,7 @@ impl Law {
         let start_s = context.time_s.first().copied().unwrap_or_default();
         match self.regressor {
             Regressor::Displacement => self.along(values, commanded_m.iter().copied()),
+            Regressor::Across => self.along(values, context.commanded_m[1 - plane].iter().copied()),
             Regressor::Time => context.time_s.iter().map(|s| self.at(values, s - start_s)).collect(),
             Regressor::Direction => {
                 context.directions(plane).iter().map(|way| self.at(values, *way)).collect()
@@ -112,7 +117,7 @@ impl Law {
         values: &[f64],
         context: &ObservationContext<'_>,
         plane: usize,
-        (deflection_m, force_n): (&[f64], &[f64]),
+        (deflection_m, across_m, force_n): (&[f64], &[f64], &[f64]),
     ) -> Vec<f64> {
         let (shape, times_s) = (context.shape, context.time_s);
         let each = |of: &dyn Fn(usize, &ShapePoint) -> f64| {
@@ -124,6 +129,7 @@ impl Law {
                 let whole_m = context.conditions.depth_m.max(f64::MIN_POSITIVE);
                 each(&|_, point| (point.z_m - context.entry_m).max(0.0) / whole_m)
             }
+            Regressor::Across => each(&|i, _| across_m.get(i).copied().unwrap_or_default()),
             Regressor::Deflection => each(&|i, _| deflection_m.get(i).copied().unwrap_or_default()),
             Regressor::Displacement => {
                 each(&|_, point| series_at(times_s, context.commanded_m[plane], point.time_s))
@@ -250,10 +256,14 @@ impl Effect for Law {
             }
             Site::Shape | Site::ShapeGain => {
                 let Channels { force_n, shape_m, .. } = channels;
+                let is_across = self.regressor == Regressor::Across;
+                let before = if is_across { shape_m.clone() } else { Series::default() };
                 self.apply(shape_m, is_gain, |plane, deflection_m| {
                     let force_n = if plane == 0 { Some(&force_n.y) } else { force_n.x.as_ref() };
                     let force_n = force_n.map(Vec::as_slice).unwrap_or_default();
-                    self.along_shape(values, context, plane, (deflection_m, force_n))
+                    let across_m = if plane == 0 { before.x.as_ref() } else { Some(&before.y) };
+                    let across_m = across_m.map(Vec::as_slice).unwrap_or_default();
+                    self.along_shape(values, context, plane, (deflection_m, across_m, force_n))
                 });
             }
             Site::Tip | Site::TipGain => {

@@ -56,6 +56,8 @@ pub enum Regressor {
     Depth,
     /// Displacement of guide 2, millimetres.
     Displacement,
+    /// The same along the other axis; of a shape the needle's deflection there, millimetres.
+    Across,
     /// Lateral force at guide 2, newtons.
     Force,
     /// Deflection of the needle, millimetres.
@@ -276,8 +278,8 @@ impl Site {
     /// Allowed regressors, and their planes.
     pub(super) fn regressors(self) -> &'static [(Regressor, &'static [Scope])] {
         use Regressor::{
-            Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share, Speed,
-            Time, ToTip, Use,
+            Across, Along, Constant, Deflection, Depth, Direction, Displacement, Force, Place, Run, Share,
+            Speed, Time, ToTip, Use,
         };
         const BOTH: &[Scope] = &[Scope::Both];
         const EACH: &[Scope] = &[Scope::Vertical, Scope::Horizontal];
@@ -286,6 +288,7 @@ impl Site {
             Self::Force => &[
                 (Constant, EACH),
                 (Displacement, BOTH),
+                (Across, EACH),
                 (Force, BOTH),
                 (Time, EACH),
                 (Direction, BOTH),
@@ -301,6 +304,7 @@ impl Site {
                 (Place, ALL),
                 (Share, BOTH),
                 (Deflection, BOTH),
+                (Across, EACH),
                 (Displacement, BOTH),
                 (Force, BOTH),
                 (Time, EACH),
@@ -312,6 +316,7 @@ impl Site {
             Self::Guide => &[
                 (Constant, EACH),
                 (Displacement, BOTH),
+                (Across, EACH),
                 (Force, BOTH),
                 (Time, ALL),
                 (Direction, BOTH),
@@ -334,6 +339,7 @@ impl Site {
             Self::Tissue => &[
                 (Constant, EACH),
                 (Displacement, BOTH),
+                (Across, EACH),
                 (Force, BOTH),
                 (Time, EACH),
                 (Direction, BOTH),
@@ -349,12 +355,13 @@ impl Site {
 
 impl Regressor {
     /// Every one there is.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Constant,
         Self::Place,
         Self::Share,
         Self::Depth,
         Self::Displacement,
+        Self::Across,
         Self::Force,
         Self::Deflection,
         Self::Time,
@@ -374,6 +381,7 @@ impl Regressor {
             Self::Share => "share",
             Self::Depth => "depth",
             Self::Displacement => "displacement",
+            Self::Across => "across",
             Self::Force => "force",
             Self::Deflection => "deflection",
             Self::Time => "time",
@@ -394,6 +402,7 @@ impl Regressor {
             Self::Share => "s/D",
             Self::Depth => "D",
             Self::Displacement => "d",
+            Self::Across => "across",
             Self::Force => "F",
             Self::Deflection => "u",
             Self::Time => "t",
@@ -412,6 +421,7 @@ impl Regressor {
             Self::Place
             | Self::Depth
             | Self::Displacement
+            | Self::Across
             | Self::Deflection
             | Self::Use
             | Self::Along
@@ -433,7 +443,7 @@ impl Regressor {
         match self {
             Self::Place | Self::Depth | Self::ToTip => 20.0,
             Self::Along => 60.0,
-            Self::Displacement | Self::Use | Self::Speed => 1.0,
+            Self::Displacement | Self::Across | Self::Use | Self::Speed => 1.0,
             Self::Force => 1.0,
             Self::Deflection => 0.5,
             Self::Time => 20.0,
