@@ -76,7 +76,7 @@ impl<'a> PreparedNeedle<'a> {
         // An effect may bring what happens in one plane into the other.
         let is_biplanar = planes > 1 || !model.effects.is_empty();
         Ok(Self {
-            prestress: Prestress::of(&model, [&problems.y, problems.x()]),
+            prestress: Prestress::of(&model, [&problems.y, problems.x()], &conditions)?,
             needles,
             drive,
             conditions,

@@ -240,6 +240,9 @@ pub trait Effect: Debug + Sync {
     /// Changes the stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
     fn stress_free_curvature(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
 
+    /// Adds a lateral force on the tip, vertical and horizontal, in lateral runs.
+    fn tip_push(&self, _values: &[f64], _conditions: &Conditions, _tip_n: &mut [f64; 2]) {}
+
     /// Changes where the needle is really measured, in tissue that begins at `entry_m`.
     fn map_position(
         &self,

@@ -9,6 +9,7 @@ use crate::{
 mod across;
 mod frictions;
 mod needle_and_tip;
+mod tip_push;
 
 #[test]
 fn the_first_time_after_another_is_that_of_a_search_through_all() {

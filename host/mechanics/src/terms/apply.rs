@@ -281,8 +281,17 @@ impl Effect for Law {
             | Site::Stiffness
             | Site::Clamp
             | Site::GuideTurn
-            | Site::TipSupport => {}
+            | Site::TipSupport
+            | Site::TipPush => {}
         }
+    }
+
+    fn tip_push(&self, values: &[f64], conditions: &Conditions, tip_n: &mut [f64; 2]) {
+        if self.site != Site::TipPush {
+            return;
+        }
+        let more_n = self.of_run(values, conditions).unwrap_or_default();
+        (0..2).filter(|plane| self.scope.has(*plane)).for_each(|plane| tip_n[plane] += more_n);
     }
 
     fn tip(&self, values: &[f64], conditions: &Conditions, law: &mut TipLaw) {

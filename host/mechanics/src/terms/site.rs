@@ -41,6 +41,8 @@ pub enum Site {
     GuideTurn,
     /// The force by which what lies at the tip resists its deflection: `F = f u`, N/mm.
     TipSupport,
+    /// A lateral force on the tip while guide 2 moves or rests, as a bevel takes it, newtons.
+    TipPush,
 }
 
 /// Regressor of a term.
@@ -114,7 +116,7 @@ impl Scope {
 
 impl Site {
     /// Every one there is.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::Force,
         Self::ForceGain,
         Self::Shape,
@@ -133,6 +135,7 @@ impl Site {
         Self::Clamp,
         Self::GuideTurn,
         Self::TipSupport,
+        Self::TipPush,
     ];
 
     /// The site and the planes of a name like `shape_y`.
@@ -164,6 +167,7 @@ impl Site {
             Self::Clamp => "clamp",
             Self::GuideTurn => "guide_turn",
             Self::TipSupport => "tip_support",
+            Self::TipPush => "tip_push",
         }
     }
 
@@ -188,6 +192,7 @@ impl Site {
             Self::Clamp => "the needle turns further in guide 1 per moment",
             Self::GuideTurn => "guide 2 resists a rotation of the needle",
             Self::TipSupport => "what lies at the tip holds it",
+            Self::TipPush => "a force pushes the tip sideways",
         }
     }
 
@@ -212,13 +217,14 @@ impl Site {
             Self::Clamp => "C = C_0 +",
             Self::GuideTurn => "M = c u', c =",
             Self::TipSupport => "F_tip = k u, k =",
+            Self::TipPush => "F_tip =",
         }
     }
 
     /// The unit of the function, in names and in text; nothing for a share.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Force | Self::TipLoad => "n",
+            Self::Force | Self::TipLoad | Self::TipPush => "n",
             Self::Shape | Self::ShapePosition | Self::Guide | Self::Tip | Self::Tissue => "mm",
             Self::TipDirection => "mrad",
             Self::Clamp => "rad_per_n_m",
@@ -260,7 +266,7 @@ impl Site {
             Self::ForceGain | Self::ShapeGain | Self::TipGain | Self::TipDirectionGain => 0.1,
             Self::Tip => 0.3,
             Self::TipDirection => 10.0,
-            Self::TipLoad => 0.03,
+            Self::TipLoad | Self::TipPush => 0.03,
         }
     }
 
@@ -349,6 +355,7 @@ impl Site {
             Self::Stiffness => &[(Along, BOTH), (ToTip, BOTH)],
             Self::Clamp => &[(Run, BOTH), (Depth, BOTH)],
             Self::GuideTurn | Self::TipSupport => &[(Constant, BOTH), (Depth, BOTH)],
+            Self::TipPush => &[(Constant, EACH), (Depth, EACH), (Run, EACH)],
         }
     }
 }
