@@ -258,6 +258,10 @@ impl Form {
             let name: &'static str =
                 Box::leak(format!("{}{per}", name_with_unit(name, unit)).into_boxed_str());
             let [mut range, mut likely] = [300.0, 20.0].map(|many| [-many * sd, many * sd]);
+            // Nothing that is taken along goes further than what moves it.
+            if matches!(site, Site::Tissue | Site::Guide) && power == 1 && of == "mm" {
+                [range, likely] = [range, likely].map(|ends| ends.map(|end: f64| end.clamp(-1.0, 1.0)));
+            }
             // No needle has less than no stiffness, and no support pushes.
             match site {
                 Site::Stiffness if power == 0 => {
