@@ -151,9 +151,20 @@ pub(crate) fn moments(tree: &Tree) -> Vec<Excess> {
     excesses
 }
 
-/// Draws of all variances and of the mean given them; empty where the mean is not determined.
-pub(crate) fn draws(tree: &Tree, freedom: &[usize]) -> Vec<Draw> {
-    let count = (WORK / tree.order.len().max(1)).clamp(DRAWS[1], DRAWS[0]);
+/// Draws of all variances and of the mean given them, from every reading of what is far with its share; empty where the mean is not
+/// determined.
+pub(crate) fn draws(readings: &[(f64, Tree)]) -> Vec<Draw> {
+    readings
+        .iter()
+        .flat_map(|(share, tree)| {
+            let count = (WORK / tree.order.len().max(1)).clamp(DRAWS[1], DRAWS[0]);
+            drawn(tree, &freedom(tree), (share * count as f64).round() as usize)
+        })
+        .collect()
+}
+
+/// So many draws of one reading.
+fn drawn(tree: &Tree, freedom: &[usize], count: usize) -> Vec<Draw> {
     let of_stage: Vec<Option<Quantiles>> = freedom.iter().map(|freedom| Quantiles::new(*freedom)).collect();
     let steps = lattice(of_stage.len() + 1);
     let last = steps.last().copied().unwrap_or(0.5);

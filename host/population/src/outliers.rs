@@ -4,6 +4,9 @@
 //! The farthest one is taken out and the variances are estimated again, also where it is not far by itself: two that are far off hide each
 //! other (Rosner 1983). Those up to the last that is far are listed. They keep the weight that Student's t of four degrees of freedom
 //! gives them, and do not count in the spread of their level.
+//!
+//! One that is just far may be so by chance. The odds of that are at least `-e p ln p`, whatever else it may be (Sellke, Bayarri and
+//! Berger 2001): in so many of the draws it is one like the others.
 
 use crate::components::{freedom, moments};
 use crate::nested::Nested;
@@ -12,7 +15,7 @@ use crate::tree::{Excess, Tree};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use std::cmp::Ordering;
 
-/// Probability, over all units of a level, below which one is listed.
+/// Probability, over all units of all levels, below which one is listed.
 const FAR: f64 = 0.05;
 /// Degrees of freedom of the weights.
 const FREEDOM: f64 = 4.0;
@@ -24,6 +27,8 @@ const MAX_HIDDEN: usize = 10;
 /// Units beyond which one that is far stands out of the variance that it makes: then no more than this many are taken out so.
 const MANY: usize = 200;
 const HIDDEN_OF_MANY: usize = 2;
+/// Share of the draws below which none is drawn.
+const LEAST_SHARE: f64 = 1e-3;
 /// Steps of the search.
 const STEPS: usize = 60;
 /// One of so many units of a parent is taken out at once.
@@ -38,7 +43,7 @@ pub(crate) struct Judged {
     pub residual: f64,
     /// Its degrees of freedom; infinite where the variance is that of stated errors.
     pub freedom: f64,
-    /// Probability of a larger distance in at least one of the units of the level.
+    /// Probability of a larger distance in at least one of the units of any level.
     pub p_adjusted: f64,
     /// Weight beside one that is not far: 1, or less where it is listed.
     pub weight: f64,
@@ -56,21 +61,56 @@ pub(crate) struct Weighed {
     pub tree: Tree,
     /// Every unit of every stage, in the order of the tree; `None` where nothing predicts it.
     pub judged: Vec<Vec<Option<Judged>>>,
+    /// Shares of probability, and the tree: first all that are listed have less weight, then those that may be listed by chance have
+    /// their full one, the likeliest of them first.
+    pub readings: Vec<(f64, Tree)>,
 }
 
 impl Weighed {
     /// Lists what is far, stage by stage.
     pub fn of(mut tree: Tree) -> Self {
         (0..tree.stages()).for_each(|stage| search(&mut tree, stage));
-        let (excesses, of_stages) = judged(&tree);
-        let full_tree = tree.clone();
-        let judged = of_stages
-            .into_iter()
-            .enumerate()
-            .map(|(stage, units)| finished(&mut tree, &excesses, stage, units))
-            .collect();
-        Self { without: full_tree, tree, judged }
+        let without = tree.clone();
+        let judged = all_finished(&mut tree);
+        let readings = readings(&tree, &judged);
+        Self { without, tree, judged, readings }
     }
+}
+
+/// Judgements of all stages, with the weights of what was taken out.
+fn all_finished(tree: &mut Tree) -> Vec<Vec<Option<Judged>>> {
+    let (excesses, of_stages) = judged(tree);
+    let levels = levels_compared(&freedom(tree));
+    let of_stages = of_stages.into_iter().enumerate();
+    of_stages.map(|(stage, units)| finished(tree, excesses[0], stage, (levels, units))).collect()
+}
+
+/// The tree with fewer and fewer of those that are listed, and the share of every one.
+fn readings(tree: &Tree, judged: &[Vec<Option<Judged>>]) -> Vec<(f64, Tree)> {
+    let mut listed: Vec<(f64, usize, usize)> = Vec::new();
+    for (stage, units) in judged.iter().enumerate() {
+        let out = units.iter().enumerate().filter(|(unit, _)| !tree.counts(stage, *unit));
+        listed.extend(out.filter_map(|(unit, one)| Some(((*one)?.p_adjusted, stage, unit))));
+    }
+    listed.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (mut odds, mut next) = (1.0, tree.clone());
+    let mut readings = vec![(odds, tree.clone())];
+    for (p, stage, unit) in listed {
+        odds *= odds_of_chance(p);
+        if odds < LEAST_SHARE {
+            break;
+        }
+        next.widened[stage][unit] = 0.0;
+        readings.push((odds, next.clone()));
+    }
+    let total: f64 = readings.iter().map(|(odds, _)| odds).sum();
+    readings.iter_mut().for_each(|(odds, _)| *odds /= total);
+    readings
+}
+
+/// Odds of chance for one that is far with this probability: the least over all that it may be otherwise.
+fn odds_of_chance(p: f64) -> f64 {
+    if p > 0.0 && p < (-1.0f64).exp() { -std::f64::consts::E * p * p.ln() } else { f64::from(p > 0.0) }
 }
 
 /// The units of a stage, each beside its prediction; `None` where nothing predicts it.
@@ -148,17 +188,19 @@ fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Units>) {
         return (excesses, no_predictions);
     };
     let predictions = predicted(tree, &excesses, &fit.beta);
+    let levels = levels_compared(&of_stages);
     let judged_stages = predictions.into_iter().enumerate().map(|(stage, units)| {
         // Variance of the level that the units belong to: stated errors alone have none.
         let estimated = (excesses[stage].variance > 0.0).then_some(of_stages[stage]);
         let outer = (stage + 1..tree.stages()).filter(|outer| excesses[*outer].variance > 0.0);
         let outer = outer.map(|outer| of_stages[outer]).min();
         let is_comparable = estimated.is_none_or(|freedom| freedom >= MIN_FREEDOM);
-        let count = units.len();
+        let count = levels * units.len();
         let judged_units = units.into_iter().enumerate().map(|(unit, one)| {
             let one = one?;
-            let freedom =
-                combined(&[(one.own, estimated), (one.variance, outer.filter(|_| one.variance > 0.0))]);
+            // Those of its group scatter as it does: their variance is the same estimate, not a second one.
+            let alike = one.own + one.variance - one.from_outer;
+            let freedom = combined(&[(alike, estimated), (one.from_outer, outer)]);
             let standardised = one.standardised();
             let (residual, freedom) = match tree.counts(stage, unit) {
                 true if freedom.is_finite() => without_itself(standardised, freedom),
@@ -171,6 +213,11 @@ fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Units>) {
     });
     let judged_stages = judged_stages.collect();
     (excesses, judged_stages)
+}
+
+/// Levels whose units are compared with each other.
+fn levels_compared(freedom: &[usize]) -> usize {
+    freedom.iter().filter(|freedom| **freedom > 0).count()
 }
 
 /// Probability of a larger residual in at least one of so many units.
@@ -210,8 +257,13 @@ fn without_itself(standardised: f64, freedom: f64) -> (f64, f64) {
 }
 
 /// Judgements of a stage, with the weights of what was taken out.
-fn finished(tree: &mut Tree, all: &[Excess], stage: usize, units: Units) -> Vec<Option<Judged>> {
-    let count = units.len();
+fn finished(
+    tree: &mut Tree,
+    of_sessions: Excess,
+    stage: usize,
+    (levels, units): (usize, Units),
+) -> Vec<Option<Judged>> {
+    let count = levels * units.len();
     let judged_units = units.into_iter().enumerate().map(|(unit, one)| {
         let (mut judged_unit, mut judged) = one?;
         let widened = &mut tree.widened[stage][unit];
@@ -225,7 +277,7 @@ fn finished(tree: &mut Tree, all: &[Excess], stage: usize, units: Units) -> Vec<
             *widened = (judged.weight.recip() - 1.0) * (judged_unit.own + judged_unit.variance);
         }
         if stage == 0 {
-            let variance_without = judged_unit.variance + all[0].variance + *widened;
+            let variance_without = judged_unit.variance + of_sessions.variance + *widened;
             let weight_ratio = variance_without / (variance_without + tree.v[unit]);
             judged.shrunk = (
                 (weight_ratio - 1.0) * (judged_unit.value - judged_unit.mean),

@@ -36,6 +36,8 @@ pub(crate) struct Predicted {
     /// The prediction of that, and its variance but for the unit's.
     pub mean: f64,
     pub variance: f64,
+    /// Part of that variance that comes from other groups than the unit's own.
+    pub from_outer: f64,
     /// Variance of the unit: its own error, and between units.
     pub own: f64,
 }
@@ -89,7 +91,8 @@ pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec
             for unit in units {
                 let mut sibling_message = own_messages[stage + 1][parent];
                 sibling_message.add(upward_messages[stage][unit], -1.0);
-                sibling_message.add(downward_messages[parent], 1.0);
+                let outer = downward_messages[parent];
+                sibling_message.add(outer, 1.0);
                 // The difference of equal numbers is rounding and no information.
                 if sibling_message.precision <= f64::EPSILON * own_messages[stage + 1][parent].precision {
                     continue;
@@ -101,6 +104,8 @@ pub(crate) fn predicted(tree: &Tree, all: &[Excess], beta: &DVector<f64>) -> Vec
                     value: unit_message.information / unit_message.precision,
                     mean: sibling_message.information / sibling_message.precision,
                     variance: sibling_message.precision.recip(),
+                    // Means are weighted by their precisions.
+                    from_outer: outer.precision / sibling_message.precision.powi(2),
                     own: unit_message.precision.recip() + variance,
                 });
             }

@@ -92,7 +92,7 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
     let tau = Nested::fit_tree(&weighed.without, &freedom)?.tau;
     let fit = Nested::at(&weighed.tree, &tau)?;
     let stated = Nested::at(&weighed.tree, &vec![0.0; tau.len()])?;
-    let tau_draws = draws(&weighed.tree, &freedom);
+    let tau_draws = draws(&weighed.readings);
     let common = common_variance(&weighed.tree, &freedom) / data.rigs();
     let outer: Vec<usize> = (1..weighed.tree.stages()).collect();
     let is_flat = outer.is_empty();
@@ -129,7 +129,9 @@ pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
     let beta = units.column_iter().map(|unit| estimate(&unit.into_owned()).0).collect();
     let every: Vec<usize> = (0..weighed.tree.stages()).collect();
     let typical_variance = typical(data);
-    let spread = Spreads { tree: &weighed.without, freedom: &freedom, draws: &tau_draws, typical_variance };
+    let is_certain = weighed.readings.len() == 1;
+    let tree = &weighed.without;
+    let spread = Spreads { tree, freedom: &freedom, draws: &tau_draws, typical_variance, is_certain };
     let (tau_total, tau_ci95) = spread.total(&tau);
     let levels = spread.levels(&tau);
     let flat = Tree::new(&Observations { levels: Vec::new(), ..data.clone() });
@@ -233,6 +235,8 @@ struct Spreads<'a> {
     freedom: &'a [usize],
     draws: &'a [Draw],
     typical_variance: f64,
+    /// Whether none that is listed may be so by chance.
+    is_certain: bool,
 }
 
 impl Spreads<'_> {
@@ -257,7 +261,7 @@ impl Spreads<'_> {
             return (tau, None);
         }
         let variances = match profile(self.tree, self.freedom) {
-            Some(ends) if determined == 1 => ends.to_vec(),
+            Some(ends) if determined == 1 && self.is_certain => ends.to_vec(),
             _ => self.draws.iter().map(|draw| sum(draw, &stages)).collect(),
         };
         (tau, Some(self.interval(variances, tau, least)))

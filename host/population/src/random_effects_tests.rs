@@ -213,6 +213,42 @@ fn a_subject_that_is_far_off_is_listed_with_all_its_sessions_be_it_one() {
 }
 
 #[test]
+fn one_of_ten_subjects_that_is_five_deviations_off_is_listed_as_often_as_t_finds_it() {
+    let listed = (0..100)
+        .filter(|seed| {
+            let mut data = drawn(&[1; 10], [0.0, 0.15], 0.04, 5000 + seed);
+            data.y[4] += 5.0 * 0.155;
+            random_effects(&data).expect("fitted").judged[4].is_some_and(|judged| judged.weight < 1.0)
+        })
+        .count();
+    // Student's t of 8 degrees of freedom shifted by 5 sqrt(9/10) exceeds its bound in three of four.
+    assert!((58..=92).contains(&listed), "{listed} of 100");
+}
+
+#[test]
+fn one_that_may_be_far_by_chance_is_one_of_the_others_in_some_draws() {
+    let y = [-1.4, -1.0, -0.7, -0.3, -0.1, 0.1, 0.4, 0.7, 1.1, 1.3].map(|value| 2.0 + 0.1 * value);
+    let of = |values: &[f64]| {
+        let data =
+            Observations { y: values.to_vec(), v: vec![1e-6; values.len()], ..Observations::default() };
+        random_effects(&data).expect("fitted")
+    };
+    let without = of(&y);
+    let high_of = |found: &RandomEffects| found.tau_ci95.expect("an interval")[1];
+    let high_with = |place: f64| {
+        let found = of(&[&y[..], &[2.0 + 0.1 * place]].concat());
+        let judged = found.judged[10].expect("judged");
+        assert!(judged.weight < 1.0, "{judged:?}");
+        (judged.p_adjusted, high_of(&found))
+    };
+    let (p_near, near_high) = high_with(4.8);
+    let (p_far, far_high) = high_with(30.0);
+    assert!((0.005..0.05).contains(&p_near) && p_far < 1e-6, "{p_near} {p_far}");
+    assert!(near_high > 1.1 * high_of(&without), "{near_high} {}", high_of(&without));
+    near(far_high, high_of(&without), 0.02 * far_high);
+}
+
+#[test]
 fn clean_sessions_are_listed_in_few_groups() {
     let listed = (0..100)
         .filter(|seed| {
