@@ -60,7 +60,7 @@ pub(crate) fn freedom(tree: &Tree) -> Vec<usize> {
     (0..tree.stages())
         .map(|stage| {
             let freedom = tree.freedom(stage, &subtotals);
-            tree.sums(stage, Excess::NONE, &subtotals, &mut sums, &mut 0.0);
+            tree.sums(stage, Excess::NONE, &subtotals, &mut sums, None);
             std::mem::swap(&mut subtotals, &mut sums);
             freedom
         })
@@ -79,7 +79,7 @@ fn solved(tree: &Tree, wanted: &[Option<f64>], room: &mut Room) -> (Vec<Excess>,
             excess_of(|excess| tree.squares(stage, excess, subtotals, scratch), wanted, own_part)
         });
         signed.push((excess.scale - 1.0) * own_part + excess.variance);
-        tree.sums(stage, excess, &room.below, &mut room.sums, &mut 0.0);
+        tree.sums(stage, excess, &room.below, &mut room.sums, None);
         std::mem::swap(&mut room.below, &mut room.sums);
         excess
     });
@@ -232,7 +232,7 @@ fn lattice_point(number: usize, step: f64) -> f64 {
 fn units_of(tree: &Tree, stage: usize) -> Vec<f64> {
     let (mut subtotals, mut sums) = (Vec::new(), Vec::new());
     for (stage, excess) in moments(tree).into_iter().enumerate().take(stage) {
-        tree.sums(stage, excess, &subtotals, &mut sums, &mut 0.0);
+        tree.sums(stage, excess, &subtotals, &mut sums, None);
         std::mem::swap(&mut subtotals, &mut sums);
     }
     subtotals

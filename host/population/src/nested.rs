@@ -79,7 +79,7 @@ impl Nested {
         let (mut subtotals, mut sums, mut ln_determinant) = (Vec::new(), Vec::new(), 0.0);
         // The innermost level is the last one.
         for (stage, tau) in std::iter::once(session).chain(levels.iter().rev()).enumerate() {
-            tree.sums(stage, Excess::of(tau * tau), &subtotals, &mut sums, &mut ln_determinant);
+            tree.sums(stage, Excess::of(tau * tau), &subtotals, &mut sums, Some(&mut ln_determinant));
             std::mem::swap(&mut subtotals, &mut sums);
         }
         let Mean { beta, covariance, squares, ln_normal } = Mean::of(&subtotals, tree.parameters())?;

@@ -141,8 +141,8 @@ impl Tree {
         std::iter::once(0).chain((1..self.stages()).rev())
     }
 
-    /// Adds a unit of a stage to its parent's products; `below` are the units' own products, of sessions nothing. Returns its part of
-    /// the logarithm of the determinant.
+    /// Adds a unit of a stage to its parent's products; `below` are the units' own products, of sessions nothing. Returns its factor of
+    /// the determinant.
     fn add(&self, stage: usize, unit: usize, excess: Excess, below: &Products, sum: &mut Products) -> f64 {
         let Excess { scale, variance } = excess;
         let more = variance + self.widened[stage][unit];
@@ -157,23 +157,23 @@ impl Tree {
                     offset += 1;
                 }
             }
-            return variance.ln();
+            return variance;
         }
         let width = self.width();
         let subtotal = &below[unit * width..(unit + 1) * width];
         let gain = scale + more * subtotal[0];
         subtract(subtotal, (gain - 1.0) / (gain * subtotal[0]), sum);
-        gain.ln()
+        gain
     }
 
-    /// Products of the parents of a stage; `ln_determinant` grows by theirs where it is wanted.
+    /// Products of the parents of a stage; `ln_determinant` grows by theirs where it is wanted: logarithms take as long as all else.
     pub fn sums(
         &self,
         stage: usize,
         excess: Excess,
         below: &Products,
         sums: &mut Vec<f64>,
-        ln_determinant: &mut f64,
+        mut ln_determinant: Option<&mut f64>,
     ) {
         let width = self.width();
         sums.clear();
@@ -181,7 +181,10 @@ impl Tree {
         for (parent, units) in self.parents(stage).enumerate() {
             let sum = &mut sums[parent * width..(parent + 1) * width];
             for unit in units {
-                *ln_determinant += self.add(stage, unit, excess, below, sum);
+                let factor = self.add(stage, unit, excess, below, sum);
+                if let Some(ln_determinant) = &mut ln_determinant {
+                    **ln_determinant += factor.ln();
+                }
             }
         }
     }
