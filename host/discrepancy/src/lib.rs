@@ -64,6 +64,7 @@ mod basis;
 mod bench;
 mod data;
 mod display;
+mod effect;
 pub mod evidence;
 mod fit;
 mod form;
@@ -85,6 +86,7 @@ mod term;
 pub mod weights;
 
 pub use data::{Channel, Column, Data, DataError, Run, TIME};
+pub use effect::Effect;
 pub use form::{Form, Shape, Span};
 pub use function::FunctionModel;
 pub use judge::Judgement;
@@ -93,7 +95,6 @@ pub use report::{
     ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, PartReport,
     RefusedReport, Report, Rival, TermReport, Verdict,
 };
-pub use score::Effect;
 pub use table::TableError;
 pub use term::{Ranges, Term, Terms};
 

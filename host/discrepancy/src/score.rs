@@ -6,6 +6,7 @@
 
 use super::basis::Basis;
 use super::bench::{Bench, Law};
+use super::effect::Effect;
 use super::fit::{Fitted, whitened};
 use super::form::{Form, Shape};
 use super::model::Error;
@@ -16,32 +17,62 @@ use nalgebra::{DMatrix, DVector};
 /// A law is not identifiable where the parameters do all of its effect up to this fraction of its square: a thousandth of its size.
 pub(crate) const ALL_ELIMINATED: f64 = 1e-6;
 
-/// The score of a law.
+/// Noises by which laws are scored: as it is in a fit, and as if it were white. What is missing may hide as noise with a long memory, which sees no more of a
+/// law than its jumps: at a shape that is not the right one, nothing.
+pub(crate) const METRICS: usize = 2;
+
+/// Where a fit of a law begins.
 #[derive(Debug, Clone)]
-pub(crate) struct Score {
-    /// With the priors of its amplitudes at its best shape.
+pub(crate) struct Beginning {
+    /// With the priors of its amplitudes at this shape.
     pub law: Law,
     /// Likeliest amplitudes, then the fraction of the range of its shape.
     pub numbers: Vec<f64>,
-    /// Log evidence over the fit, with noise as it is there and as if it were white.
-    pub log_evidence: [f64; 2],
 }
+
+impl Beginning {
+    /// Fraction of the range of its shape; nothing of a law without one.
+    pub fn shape(&self) -> Option<f64> {
+        self.numbers.get(self.law.form.amplitudes().len()).copied()
+    }
+}
+
+/// The score of a law.
+#[derive(Debug, Clone)]
+pub(crate) struct Score {
+    /// At its best shape, with noise as it is there and as if it were white.
+    pub beginnings: [Beginning; METRICS],
+    /// Log evidence over the fit, by the same.
+    pub log_evidence: [f64; METRICS],
+}
+
+/// Laws that are added at once at most. Two are the fewest that hide each other: each of them may be weak alone. More follow one by one or two by two,
+/// unless any two of three hide nothing without the third.
+pub(crate) const TOGETHER: usize = 2;
 
 /// Two laws together: each may be weak alone where the other hides it, as an offset and an asymmetry do.
 #[derive(Debug, Clone)]
 pub(crate) struct Pair {
     /// Both, with the amplitudes that they have together.
-    pub scores: [Score; 2],
+    pub scores: [Score; TOGETHER],
     /// Log evidence over the fit, as of a score.
-    pub log_evidence: [f64; 2],
+    pub log_evidence: [f64; METRICS],
 }
 
 /// A law at its best shape with the positions of its columns.
+#[derive(Clone)]
 struct Best {
-    score: Score,
+    log_evidence: f64,
+    beginning: Beginning,
     columns: Vec<usize>,
     sds: Vec<f64>,
     fraction: Option<f64>,
+}
+
+/// A law with what is best of it by each metric.
+struct Scored {
+    best: [Best; METRICS],
+    log_evidence: [f64; METRICS],
 }
 
 /// A law at one shape.
@@ -76,63 +107,6 @@ pub(crate) fn candidates(bench: &Bench<'_>, effects: &[Effect]) -> Vec<Law> {
         }
     }
     laws
-}
-
-/// An effect that is to be tried: `site/regressor/form`, where any part may be `*`; a constant is `site/constant`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Effect {
-    site: String,
-    regressor: Option<String>,
-    form: Option<Form>,
-}
-
-impl Effect {
-    /// Reads its text.
-    ///
-    /// # Errors
-    /// [`Error::Declaration`] where it names no form.
-    pub fn parse(text: &str) -> Result<Self, Error> {
-        let words: Vec<&str> = text.split('/').collect();
-        let (site, regressor, form) = match words.as_slice() {
-            [site, "constant"] => (site, None, Some(Form::Constant)),
-            [site, regressor, "*"] => (site, Some(regressor), None),
-            [site, regressor, name] => {
-                let form = Form::named(name)
-                    .ok_or_else(|| not_an_effect(text, format!("{name:?} is none of the forms")))?;
-                (site, Some(regressor), Some(form))
-            }
-            [_, name] => {
-                let problem =
-                    format!("names no form: a law without a regressor is \"constant\", not {name:?}");
-                return Err(not_an_effect(text, problem));
-            }
-            _ => return Err(not_an_effect(text, "is not two or three names between slashes".to_owned())),
-        };
-        let regressor = regressor.map(|name| (*name).to_owned());
-        Ok(Self { site: (*site).to_owned(), regressor, form })
-    }
-
-    fn is_like(&self, site: &str, regressor: Option<&str>, form: Form) -> bool {
-        let is_regressor = match (self.regressor.as_deref(), regressor) {
-            (None, None) | (Some("*"), _) => true,
-            (Some(own), Some(other)) => own == other,
-            _ => false,
-        };
-        (self.site == "*" || self.site == site) && is_regressor && self.form.is_none_or(|own| own == form)
-    }
-}
-
-fn not_an_effect(text: &str, problem: String) -> Error {
-    let names: Vec<&str> = Form::ALL.iter().map(|form| form.name()).collect();
-    Error::Declaration {
-        what: "effect",
-        name: text.to_owned(),
-        problem,
-        expected: format!(
-            "site/regressor/form, each of them or *, or site/constant; forms are {}",
-            names.join(", ")
-        ),
-    }
 }
 
 /// Standard deviation of an amplitude beforehand: one that moves some channel by its own standard deviation.
@@ -214,33 +188,56 @@ pub(crate) fn scores(
     );
     let metrics = [as_coloured.ok_or_else(no_covariance)?, as_white.ok_or_else(no_covariance)?];
     let mut first = 0;
-    let mut all_best: Vec<Best> = Vec::new();
+    let mut scored: Vec<Scored> = Vec::new();
     for (law, directions) in laws.iter().zip(&law_directions) {
-        let mut best: Option<(f64, Best)> = None;
-        let mut sums = [Vec::new(), Vec::new()];
+        let mut best: [Option<Best>; METRICS] = [const { None }; METRICS];
+        let mut sums = [const { Vec::new() }; METRICS];
         for direction in directions {
             let columns: Vec<usize> = (first..first + direction.sds.len()).collect();
             first += direction.sds.len();
             let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
-            let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
-            sums[0].push(log_evidence);
-            sums[1].push(as_white);
-            if best.as_ref().is_none_or(|(other, _)| log_evidence > *other) {
-                let law = Law { amplitude_sds: direction.sds.clone(), ..law.clone() };
-                let numbers = numbers(amplitudes.as_slice(), &direction.sds, direction.fraction);
-                let score = Score { law, numbers, log_evidence: [0.0; 2] };
-                let (sds, fraction) = (direction.sds.clone(), direction.fraction);
-                best = Some((log_evidence, Best { score, columns, sds, fraction }));
+            if evidences.iter().any(Option::is_none) {
+                continue;
+            }
+            let of_metrics = evidences.into_iter().flatten().zip(best.iter_mut().zip(&mut sums));
+            for ((log_evidence, amplitudes), (best, sum)) in of_metrics {
+                sum.push(log_evidence);
+                if best.as_ref().is_none_or(|other| log_evidence > other.log_evidence) {
+                    *best = Some(Best::new(law, direction, &columns, log_evidence, &amplitudes));
+                }
             }
         }
-        if let Some((_, mut best)) = best {
-            best.score.log_evidence =
-                sums.map(|sums| ln_sum(sums.iter().copied()) - (sums.len() as f64).ln());
-            all_best.push(best);
+        if let [Some(as_coloured), Some(as_white)] = best {
+            let log_evidence = sums.map(|sums| ln_sum(sums.iter().copied()) - (sums.len() as f64).ln());
+            scored.push(Scored { best: [as_coloured, as_white], log_evidence });
         }
     }
-    let pairs = pairs(&metrics, &all_best);
-    Ok((all_best.into_iter().map(|best| best.score).collect(), pairs))
+    let pairs = pairs(&metrics, &scored);
+    let scores = scored.into_iter().map(|Scored { best, log_evidence }| Score {
+        beginnings: best.map(|best| best.beginning),
+        log_evidence,
+    });
+    Ok((scores.collect(), pairs))
+}
+
+impl Best {
+    fn new(
+        law: &Law,
+        direction: &Direction,
+        columns: &[usize],
+        log_evidence: f64,
+        amplitudes: &DVector<f64>,
+    ) -> Self {
+        let (sds, fraction) = (direction.sds.clone(), direction.fraction);
+        let numbers = numbers(amplitudes.as_slice(), &sds, fraction);
+        let law = Law { amplitude_sds: sds.clone(), ..law.clone() };
+        Self { log_evidence, beginning: Beginning { law, numbers }, columns: columns.to_vec(), sds, fraction }
+    }
+
+    /// The same beginning with other amplitudes.
+    fn with_amplitudes(&self, amplitudes: &[f64]) -> Beginning {
+        Beginning { numbers: numbers(amplitudes, &self.sds, self.fraction), ..self.beginning.clone() }
+    }
 }
 
 /// Amplitudes in their own units, then the fraction of the range of a shape.
@@ -250,27 +247,28 @@ fn numbers(amplitudes: &[f64], sds: &[f64], fraction: Option<f64>) -> Vec<f64> {
 
 /// Pairs of laws that hide each other, each at the shape that is best alone: together they explain more than the sum of what either does. Of
 /// others each is found by itself.
-fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
+fn pairs(metrics: &[DMatrix<f64>; METRICS], all: &[Scored]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (i, one) in all.iter().enumerate() {
         for other in all.iter().skip(i + 1) {
-            let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
-            let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
-            let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
-            let are_hidden = metrics.iter().zip([log_evidence, as_white]).any(|(metric, together)| {
-                let alone =
-                    [one, other].map(|best| evidence_of(metric, &best.columns).map_or(0.0, |found| found.0));
-                together > alone[0] + alone[1]
-            });
-            if !are_hidden {
-                continue;
+            let (mut are_hidden, mut log_evidence) = (false, [0.0; METRICS]);
+            let mut beginnings: [Vec<Beginning>; TOGETHER] = [const { Vec::new() }; TOGETHER];
+            let of_metrics = metrics.iter().zip(one.best.iter().zip(&other.best));
+            for ((metric, (one, other)), log_evidence) in of_metrics.zip(&mut log_evidence) {
+                let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
+                let Some((together, amplitudes)) = evidence_of(metric, &columns) else { continue };
+                *log_evidence = together;
+                are_hidden |= together > one.log_evidence + other.log_evidence;
+                let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
+                for (list, (best, amplitudes)) in beginnings.iter_mut().zip([(one, first), (other, second)]) {
+                    list.push(best.with_amplitudes(amplitudes));
+                }
             }
-            let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
-            let scores = [(one, first), (other, second)].map(|(best, amplitudes)| Score {
-                numbers: numbers(amplitudes, &best.sds, best.fraction),
-                ..best.score.clone()
-            });
-            pairs.push(Pair { scores, log_evidence: [log_evidence, as_white] });
+            let [Ok(first), Ok(second)] = beginnings.map(<[Beginning; METRICS]>::try_from) else { continue };
+            if are_hidden {
+                let scores = [first, second].map(|beginnings| Score { beginnings, log_evidence });
+                pairs.push(Pair { scores, log_evidence });
+            }
         }
     }
     pairs
@@ -319,38 +317,4 @@ fn evidence_of(metric: &DMatrix<f64>, columns: &[usize]) -> Option<(f64, DVector
     let amplitudes = factor.solve(&projections);
     let ln_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
     Some((0.5 * projections.dot(&amplitudes) - ln_determinant, amplitudes))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_effect_without_a_form_is_told_which_forms_there_are() {
-        for (text, problem) in [
-            ("balance/x", "names no form: a law without a regressor is \"constant\", not \"x\""),
-            ("balance/level/x", "\"x\" is none of the forms"),
-            ("balance", "is not two or three names"),
-            ("a/b/sign/d", "is not two or three names"),
-        ] {
-            let message = Effect::parse(text).expect_err(text).to_string();
-            assert!(message.contains(problem), "{message}");
-            assert!(message.contains("site/regressor/form") && message.contains("above_level"), "{message}");
-        }
-    }
-
-    #[test]
-    fn a_star_stands_for_any_part() {
-        let effect = Effect::parse("*/speed/*").expect("an effect");
-        assert!(effect.is_like("rail", Some("speed"), Form::Sign));
-        assert!(
-            !effect.is_like("rail", Some("place"), Form::Sign)
-                && !effect.is_like("rail", None, Form::Constant)
-        );
-        let constant = Effect::parse("rail/constant").expect("an effect");
-        assert!(
-            constant.is_like("rail", None, Form::Constant)
-                && !constant.is_like("rail", Some("speed"), Form::Sign)
-        );
-    }
 }

@@ -9,12 +9,9 @@ use super::fit::Fitted;
 use super::form::Form;
 use super::made::half_width95;
 use super::model::Error;
-use super::score::{no_covariance, scores};
+use super::score::{TOGETHER, no_covariance, scores};
 use super::search::Search;
 use nalgebra::{DMatrix, DVector};
-
-/// Laws of an explanation at most: one, or two that hide each other.
-const MAX_ADDED: usize = 2;
 
 /// Forms whose sum a form with a level is at zero.
 fn simpler(form: Form) -> &'static [Form] {
@@ -58,11 +55,11 @@ impl Search<'_> {
     }
 
     /// A base with further laws, those left out that its parameters do: the proportional half of what grows above zero is often one of them. The result is
-    /// empty where none remains or too many do.
+    /// empty where none remains, or more than are added at once: each of these is a candidate of its own, and is added where it is missing.
     fn with_laws(&self, base: &Fitted, laws: &[Law]) -> Result<Option<Fitted>, Error> {
         let (scores, _) = scores(self.bench, self.basis, base, laws)?;
         let scores: Vec<_> = scores.iter().collect();
-        if scores.is_empty() || scores.len() > MAX_ADDED { Ok(None) } else { self.extended(base, &scores) }
+        if scores.is_empty() || scores.len() > TOGETHER { Ok(None) } else { self.extended(base, &scores) }
     }
 
     /// The laws whose sum a law of a model is; nothing where it is none, or one of them is not to be tried.
