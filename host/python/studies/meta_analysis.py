@@ -243,17 +243,30 @@ def holds(value: Quantity | None, truth: float) -> bool:
     return value is not None and value.ci95 is not None and value.ci95[0] <= truth <= value.ci95[1]
 
 
+# Subjects, sessions of each or on average, whether all have as many, share of sessions that are far off.
+DESIGNS = (
+    (3, 20, True, 0.0),
+    (6, 10, True, 0.0),
+    (6, 10, False, 0.0),
+    (20, 3, True, 0.0),
+    (6, 10, True, 1 / 30),
+    (30, 4, False, 1 / 30),
+)
+
+
 def coverage(count: int) -> None:
     """Prints how often intervals hold the truth: of the mean by both, of the spreads by `guide population` alone (statsmodels has none)."""
-    print("| subjects x sessions | mean, statsmodels | mean | sd of subjects | sd of sessions |\n|---|---|---|---|---|")
+    print("| subjects x sessions | far off | mean, statsmodels | mean | sd of subjects | sd of sessions |\n|---|---|---|---|---|---|")
     mean, between, within, error = 2.5, 0.15, 0.05, 0.04
-    for subjects, sessions in ((3, 20), (6, 10), (20, 3)):
+    for subjects, sessions, is_balanced, far in DESIGNS:
         held = np.zeros(4)
+        sizes = [sessions if is_balanced else 1 + (7 * subject + 3) % (2 * sessions) for subject in range(subjects)]
+        groups = np.repeat(np.arange(subjects), sizes)
         for number in range(count):
-            random = np.random.default_rng([SEED, subjects, number])
-            groups = np.repeat(np.arange(subjects), sessions)
+            random = np.random.default_rng([SEED, subjects, is_balanced, far > 0.0, number])
             y = mean + random.normal(0.0, between, subjects)[groups]
             y += random.normal(0.0, math.hypot(within, error), len(groups))
+            y += (random.random(len(y)) < far) * 12.0 * math.hypot(within, error) * random.choice([-1.0, 1.0], len(y))
             data = Data("drawn", y, np.full(len(groups), error**2), groups=groups.tolist())
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -264,7 +277,9 @@ def coverage(count: int) -> None:
             ends = group.k_kpa.ci95 or (math.nan, math.nan)
             of_mean = ends[0] <= math.exp(mean) <= ends[1]
             held += [low <= mean <= high, of_mean, holds(subject.tau, between), holds(session.tau, within)]
-        print(f"| {subjects} x {sessions} | " + " | ".join(f"{100 * one / count:.1f} %" for one in held) + " |")
+        shares = " | ".join(f"{100 * one / count:.1f} %" for one in held)
+        about, share = "" if is_balanced else "about ", "1 of 30" if far > 0.0 else "none"
+        print(f"| {subjects} x {about}{sessions} | {share} | {shares} |", flush=True)
 
 
 def main() -> None:

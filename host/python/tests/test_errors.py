@@ -95,6 +95,11 @@ def test_what_is_masked_is_missing() -> None:
         Session.from_arrays(needle=NEEDLE, rig=RIG, lateral=[changed("force", force_y_n=masked)])
 
 
+def test_a_record_of_a_session_from_arrays_has_its_name() -> None:
+    named = Session.from_arrays(needle=NEEDLE, rig=RIG, noise=NOISE, lateral=[lateral()], name="gel 3, second day")
+    assert named.summarize().session == "gel 3, second day"
+
+
 def test_a_session_from_arrays_states_its_date_and_site() -> None:
     own = Session.from_arrays(
         needle=NEEDLE, rig=RIG, noise=NOISE, lateral=[lateral()], subject={"id": "p1"}, date="2026-03-01", site="north"

@@ -87,6 +87,9 @@ def forest(found: Population, ax: Axes | None) -> Axes:
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="K, kPa")
+    # Within a decade or two powers of ten say less than plain numbers.
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter("{x:g}")
     return ax
 
 

@@ -431,7 +431,7 @@ class Summary(Result):
 
     @property
     def session(self) -> str:
-        """Path of the session as it was given."""
+        """Path of the session as it was given; of one from arrays its name."""
         return str(self._document["session"])
 
     @property

@@ -81,9 +81,10 @@ class Session:
     17.88 kPa (15.39 to 20.78)
     """
 
-    def __init__(self, path: PathLike, *, keep: object = None) -> None:
+    def __init__(self, path: PathLike, *, keep: object = None, name: str | None = None) -> None:
         self.path = pathlib.Path(path)
         self._keep = keep
+        self._name = name
 
     @classmethod
     def open(cls, path: PathLike) -> Session:
@@ -120,7 +121,7 @@ class Session:
         tissue: Mapping[str, object] | None = None,
         subject: Mapping[str, object] | None = None,
         covariates: Mapping[str, object] | None = None,
-        name: str = "from arrays",
+        name: str | None = None,
         date: datetime.date | str | None = None,
         site: str | None = None,
     ) -> Session:
@@ -138,7 +139,7 @@ class Session:
             tissue: what is stated of the tissue.
             subject: ``id`` of phantom, animal or patient.
             covariates: numbers and texts for statistics over many sessions.
-            name: name of the session.
+            name: name of the session, and of its record among those of others.
             date: day of the measurement, such as "2026-03-01".
             site: where it was measured.
 
@@ -152,7 +153,7 @@ class Session:
         path = folder.path / "session"
         path.mkdir()
         labels = {"date": None if date is None else str(date), "site": site}
-        session_table = {"format": 1, "name": name, **{key: value for key, value in labels.items() if value is not None}}
+        session_table = {"format": 1, "name": name or "from arrays", **{key: value for key, value in labels.items() if value is not None}}
         tables: dict[str, Mapping[str, object]] = {"session": session_table, "needle": needle, "rig": rig}
         stated = {"noise": noise, "tissue": tissue, "subject": subject, "covariates": covariates}
         tables.update({key: value for key, value in stated.items() if value is not None})
@@ -161,7 +162,7 @@ class Session:
             _core.readable(str(path))
         except NeedleGuideError as error:
             raise _arrays.of_arguments(error, path) from None
-        session = cls(path, keep=folder)
+        session = cls(path, keep=folder, name=name)
         # A field that is not part of the format is ignored in a file and reported by a check; here nobody would see that.
         for one in session.check().findings:
             if "not part of the format" in one.what:
@@ -318,7 +319,11 @@ class Session:
         Args:
             seed: seed of the bootstraps of its diagnosis.
         """
-        return Summary(_core.summarize(str(self.path), seed))
+        line = _core.summarize(str(self.path), seed)
+        if self._name is None:
+            return Summary(line)
+        # Its folder is a temporary one, which says nothing in a table of many sessions.
+        return Summary(json.dumps({**json.loads(line), "session": self._name}))
 
     def __repr__(self) -> str:
         return f"Session({str(self.path)!r})"
