@@ -29,7 +29,7 @@ pub struct Design {
 }
 
 /// The designs of the table.
-pub const DESIGNS: [Design; 14] = {
+pub const DESIGNS: [Design; 16] = {
     const fn design(subjects: usize, sessions: usize, is_balanced: bool, sds: [f64; 3], far: f64) -> Design {
         let [subject_sd, session_sd, error_sd] = sds;
         Design { subjects, sessions, is_balanced, subject_sd, session_sd, error_sd, far }
@@ -46,6 +46,8 @@ pub const DESIGNS: [Design; 14] = {
         design(20, 3, false, [0.1, 0.05, 0.06], 0.0),
         design(30, 4, false, [0.03, 0.05, 0.04], 0.0),
         design(60, 20, false, USUAL, 0.0),
+        design(10, 1, true, [0.15, 0.0, 0.04], 1.0 / 30.0),
+        design(20, 3, false, [0.1, 0.05, 0.06], 1.0 / 30.0),
         design(3, 20, false, USUAL, 1.0 / 30.0),
         design(6, 10, true, USUAL, 1.0 / 30.0),
         design(30, 4, false, USUAL, 1.0 / 30.0),

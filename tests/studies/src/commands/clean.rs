@@ -119,6 +119,18 @@ impl Outcome {
         delay.map_or([0.0; 2], |one| [one.score, one.information])
     }
 
+    /// Standard deviations by which every parameter of an effect is off its neutral value.
+    fn sizes(&self, effect: &str) -> String {
+        let amplitudes = self.record.result.as_ref().map_or(&[][..], |result| &result.amplitudes);
+        let of_effect = amplitudes.iter().filter(|one| one.effect == effect);
+        let sizes = of_effect.map(|one| {
+            let place =
+                one.at.as_ref().map_or_else(String::new, |(name, value)| format!(" at {name} {value}"));
+            format!("{}{place} {:+.2}", one.parameter, one.score / one.information.sqrt())
+        });
+        sizes.collect::<Vec<_>>().join(", ")
+    }
+
     fn line(&self) -> String {
         let named = self.record.result.iter().flat_map(|result| &result.named);
         let named: Vec<String> = named
@@ -147,7 +159,7 @@ fn outcome(generator: Generator, number: usize, seed: u64) -> Result<Outcome> {
     Ok(Outcome { displacement_mm, k_kpa, record })
 }
 
-/// Runs the study: a table, and a line for each session that is not found adequate.
+/// Runs the study: a table, a line for each session that is not found adequate, and the sizes in every session of what a population names.
 ///
 /// # Errors
 /// An error if a session cannot be made, or a population cannot be analysed.
@@ -186,6 +198,11 @@ fn row(like: &[Outcome]) -> Result<String> {
         like.iter().map(Outcome::delay).fold([0.0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]]);
     let records: Vec<Summary> = like.iter().map(|one| one.record.clone()).collect();
     let population = analyse(records, &Options::default())?;
+    for one in &population.shared_effects {
+        like.iter().for_each(|session| {
+            eprintln!("{} {}: {}", one.effect, session.record.session, session.sizes(&one.effect))
+        });
+    }
     let shared =
         population.shared_effects.iter().map(|one| format!("{} p {:.1e}", one.effect, one.p_adjusted));
     let spread = population.spread.iter().map(|one| format!("{} {:?}", one.effect, one.kind));
