@@ -134,3 +134,26 @@ fn positions_of_stretches_share_the_error_of_their_window() {
     assert_eq!(window.covariance_of(&[1, 2], &[3, 4]), 0.25);
     assert_eq!(window.covariance_of(&[0], &[2]), 0.0);
 }
+
+/// A motion that lies between two readings, of a sensor without noise: the readings are the course.
+#[test]
+fn a_step_between_two_exact_readings_is_followed() {
+    for [from_m, to_m] in [[0.0, 0.4e-3], [0.4e-3, 0.8e-3], [1.2e-3, 0.0]] {
+        let time_s: Vec<f64> = (0..40).map(|i| 0.05 * f64::from(i)).collect();
+        let read_m: Vec<f64> = (0..40).map(|i| if i < 20 { from_m } else { to_m }).collect();
+        let hold: Vec<Option<usize>> = (0..40)
+            .map(|i| match i {
+                0..18 => Some(0),
+                18..22 => None,
+                _ => Some(1),
+            })
+            .collect();
+        for sd_m in [1e-7, 1e-6, 1e-5] {
+            let track = Track { time_s: &time_s, length_s: &[0.0; 40], read_m: &read_m, hold: &hold, sd_m };
+            let (positions_m, _) = course(&track, &[from_m, to_m]);
+            for (position_m, read_m) in positions_m.iter().zip(&read_m) {
+                assert!((position_m - read_m).abs() < 3.0 * sd_m, "{sd_m}: {position_m} {read_m}");
+            }
+        }
+    }
+}

@@ -215,9 +215,9 @@ fn judged(tree: &Tree) -> (Vec<Excess>, Vec<Units>) {
     (excesses, judged_stages)
 }
 
-/// Levels whose units are compared with each other.
+/// Levels whose units are compared with each other: one at least, as long as any are.
 fn levels_compared(freedom: &[usize]) -> usize {
-    freedom.iter().filter(|freedom| **freedom > 0).count()
+    freedom.iter().filter(|freedom| **freedom > 0).count().max(1)
 }
 
 /// Probability of a larger residual in at least one of so many units.

@@ -197,6 +197,16 @@ fn a_session_that_is_far_off_is_listed_with_its_weight_and_the_others_are_not() 
     assert!(judged.residual > 6.0 && judged.weight < 0.1 && judged.p_adjusted < 1e-6, "{judged:?}");
 }
 
+/// With one of two taken out nothing is left to be compared.
+#[test]
+fn of_two_sessions_that_agree_none_is_listed() {
+    for seed in 0..40 {
+        let data = Observations { levels: Vec::new(), ..drawn(&[2], [0.02, 0.02], 0.1, seed) };
+        let fit = random_effects(&data).expect("fitted");
+        assert_eq!(fit.listed(), 0, "{seed}: {:?}", fit.judged);
+    }
+}
+
 #[test]
 fn a_subject_that_is_far_off_is_listed_with_all_its_sessions_be_it_one() {
     for sessions in [[4; 12], [1; 12]] {

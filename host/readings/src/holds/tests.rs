@@ -366,6 +366,13 @@ fn noise_of_a_displacement_is_no_motion_and_a_small_step_is() {
     assert!((0.01e-3..0.06e-3).contains(&threshold_m), "{threshold_m}");
     let exact = staircase(&[0.0, 1.2, 0.0], 3.0, 1.0, 100.0, 0.0, 0.0);
     assert!(reversal_m(&exact.force.displacement_y_m, &hold) < 0.05e-3);
+    // One that was computed has nothing between its levels, which are no grid of a sensor.
+    let computed: Vec<f64> = [0.0, 0.4e-3, 0.8e-3, 0.0].into_iter().flat_map(|m| [m; 60]).collect();
+    assert!(reading_sd_m(&computed, &hold) < 1e-9);
+    // On the way from level to level a coarse sensor shows its grid.
+    let passed: Vec<f64> =
+        computed.chunks(60).flat_map(|level| [&[level[0] - 0.1e-3; 2], level].concat()).collect();
+    assert!((reading_sd_m(&passed, &[]) / (0.1e-3 / 12f64.sqrt()) - 1.0).abs() < 1e-6);
 }
 
 /// Levels four standard deviations of a reading apart, read twenty times a second: no single reading tells them apart, their means do.
