@@ -11,22 +11,22 @@ use rand_chacha::ChaCha8Rng;
 use worlds::body::{BlockStiffness, DEGREES};
 use worlds::{Design, LateralPlan, NoisePlan, on_all_cores};
 
-/// Results of the finite elements: the blocks that the forward model was compared with, and others.
-const ELEMENTS: [&str; 2] = [
+/// Blocks that the finite elements have solved at one depth: those that the forward model was compared with, and others; and at three depths.
+const ONE_DEPTH: [&str; 2] = [
     include_str!("../../../../host/mechanics/src/body/block/elements.csv"),
     include_str!("../../finite_elements/more.csv"),
 ];
+const THREE_DEPTHS: [&str; 1] = [include_str!("../../finite_elements/depths.csv")];
 /// Statements about the walls.
 const STATED: [&str; 3] = ["the block", "that no wall is near (wrong)", "nothing"];
 /// Repeats of a run in a session.
 const RUNS: usize = 4;
 
-/// A block with its stiffness.
+/// A block with its stiffness at one depth or several, deepest first.
 struct Solved {
     block: Block,
-    depth_mm: f64,
     poisson: f64,
-    stiffness: BlockStiffness,
+    at_depths: Vec<BlockStiffness>,
 }
 
 impl Solved {
@@ -41,12 +41,29 @@ impl Solved {
             sides: mounting(7, &cells)?,
             far_side: mounting(8, &cells)?,
         };
-        Ok(Self {
-            block,
-            depth_mm: number_of(5, &cells)?,
-            poisson: number_of(6, &cells)?,
-            stiffness: BlockStiffness { matrix },
-        })
+        let at_depths = vec![BlockStiffness { depth_mm: number_of(5, &cells)?, matrix }];
+        Ok(Self { block, poisson: number_of(6, &cells)?, at_depths })
+    }
+
+    /// Blocks of some files, neighbouring lines of one block together.
+    fn all(files: &[&str]) -> Result<Vec<Self>> {
+        let mut blocks: Vec<Self> = Vec::new();
+        for line in files.iter().flat_map(|text| text.lines()).filter(|line| !line.starts_with('#')) {
+            let solved = Self::read(line).with_context(|| line.to_owned())?;
+            match blocks.last_mut() {
+                Some(last) if (last.block, last.poisson) == (solved.block, solved.poisson) => {
+                    last.at_depths.extend(solved.at_depths);
+                }
+                _ => blocks.push(solved),
+            }
+        }
+        ensure!(!blocks.is_empty(), "no block was solved");
+        Ok(blocks)
+    }
+
+    /// Depths of the runs of a session.
+    fn depths_mm(&self) -> impl Iterator<Item = f64> {
+        self.at_depths.iter().cycle().take(RUNS).map(|stiffness| stiffness.depth_mm)
     }
 }
 
@@ -87,9 +104,9 @@ fn judged(solved: &Solved, seed: u64, number: usize) -> Result<[Judged; STATED.l
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number as u64);
     let truth = 6.0 * 5f64.powf(random.random::<f64>());
-    let runs = (0..RUNS).map(|run| LateralPlan {
+    let runs = (0..RUNS).zip(solved.depths_mm()).map(|(run, depth_mm)| LateralPlan {
         id: format!("y{run}"),
-        depth_mm: solved.depth_mm,
+        depth_mm,
         axis: 0,
         levels_mm: vec![0.0, 0.6, 1.2, 0.6, 0.0, -0.6, -1.2, 0.0],
         hold_s: 3.0,
@@ -97,7 +114,7 @@ fn judged(solved: &Solved, seed: u64, number: usize) -> Result<[Judged; STATED.l
     });
     let design =
         Design { lateral: runs.collect(), insertion: Vec::new(), noise: NoisePlan::default(), images: None };
-    let session = solved.stiffness.session(truth, &design, random.random())?;
+    let session = BlockStiffness::session(&solved.at_depths, truth, &design, random.random())?;
     let relation = YoungsMethod::Continuum(Contact::Bonded);
     let options = Options { poisson: Some(solved.poisson), relation, ..Options::default() };
     Ok([
@@ -124,10 +141,25 @@ fn median(mut values: Vec<f64>) -> f64 {
 /// # Errors
 /// Where a block cannot be read or a session has no modulus.
 pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
-    let lines = ELEMENTS.iter().flat_map(|text| text.lines()).filter(|line| !line.starts_with('#'));
-    let solved_blocks: Vec<Solved> =
-        lines.map(|line| Solved::read(line).with_context(|| line.to_owned())).collect::<Result<_>>()?;
-    ensure!(!solved_blocks.is_empty(), "no block was solved");
+    println!(
+        "| depths of the runs | stated of the walls | E in its 95 % interval | width of the interval, median | error of E, median | largest |"
+    );
+    println!("|---|---|---|---|---|---|");
+    let mut counts = Vec::new();
+    for (depths, files) in [("one", ONE_DEPTH.as_slice()), ("three", THREE_DEPTHS.as_slice())] {
+        let solved_blocks = Solved::all(files)?;
+        table(depths, &solved_blocks, sessions, seed, verbose)?;
+        counts.push(solved_blocks.len().to_string());
+    }
+    println!(
+        "{sessions} sessions of {RUNS} runs in {} blocks by finite elements, seed {seed}",
+        counts.join(" and ")
+    );
+    Ok(())
+}
+
+/// Prints the rows of some blocks.
+fn table(depths: &str, solved_blocks: &[Solved], sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     let judged_blocks = on_all_cores(sessions, |number| {
         let solved = &solved_blocks[number % solved_blocks.len()];
         judged(solved, seed, number)
@@ -136,24 +168,9 @@ pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     let judged_statements: Vec<[Judged; STATED.len()]> = judged_blocks.into_iter().collect::<Result<_>>()?;
     if verbose {
         for (number, all_of) in judged_statements.iter().enumerate() {
-            let Solved { block, depth_mm, .. } = &solved_blocks[number % solved_blocks.len()];
-            let texts = all_of
-                .iter()
-                .map(|Judged { value, ends: [low, high], .. }| format!("{value:.2} ({low:.2} to {high:.2})"));
-            let mm = block.size_m.map(|m| 1e3 * m);
-            eprintln!(
-                "{mm:.0?} mm, sides {}, far side {}, {depth_mm:.0} mm deep: {} for {:.2} kPa",
-                block.sides.name(),
-                block.far_side.name(),
-                texts.collect::<Vec<_>>().join(", "),
-                all_of[0].truth
-            );
+            print_session(&solved_blocks[number % solved_blocks.len()], all_of);
         }
     }
-    println!(
-        "| stated of the walls | E in its 95 % interval | width of the interval, median | error of E, median | largest |"
-    );
-    println!("|---|---|---|---|---|");
     for (index, stated) in STATED.iter().enumerate() {
         let statement_results: Vec<Judged> = judged_statements.iter().map(|all_of| all_of[index]).collect();
         let covered = statement_results.iter().filter(|one| one.is_covered()).count();
@@ -164,17 +181,30 @@ pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
             .iter()
             .map(|Judged { value, ends: [low, high], .. }| 100.0 * (high - low) / value);
         println!(
-            "| {stated} | {covered} of {} | {:.0} % | {:.1} % | {largest:.1} % |",
+            "| {depths} | {stated} | {covered} of {} | {:.0} % | {:.1} % | {largest:.1} % |",
             statement_results.len(),
             median(widths.collect()),
             median(errors),
         );
     }
-    println!(
-        "{sessions} sessions of {RUNS} runs in {} blocks by finite elements, seed {seed}",
-        solved_blocks.len()
-    );
     Ok(())
+}
+
+fn print_session(solved: &Solved, all_of: &[Judged; STATED.len()]) {
+    let block = solved.block;
+    let texts = all_of
+        .iter()
+        .map(|Judged { value, ends: [low, high], .. }| format!("{value:.2} ({low:.2} to {high:.2})"));
+    let mm = block.size_m.map(|m| 1e3 * m);
+    let depths: Vec<String> = solved.depths_mm().map(|depth_mm| format!("{depth_mm:.0}")).collect();
+    eprintln!(
+        "{mm:.0?} mm, sides {}, far side {}, {} mm deep: {} for {:.2} kPa",
+        block.sides.name(),
+        block.far_side.name(),
+        depths.join(", "),
+        texts.collect::<Vec<_>>().join(", "),
+        all_of[0].truth
+    );
 }
 
 #[cfg(test)]
@@ -184,10 +214,12 @@ mod tests {
     /// A cube that the elements solved: stated, E is right; a wall that is denied moves it by more than its interval.
     #[test]
     fn a_block_is_read_recorded_and_judged() {
-        let line = ELEMENTS[0].lines().nth(4).expect("blocks");
+        let line = ONE_DEPTH[0].lines().nth(4).expect("blocks");
         let solved = Solved::read(line).expect("a block");
-        assert_eq!((solved.block.sides, solved.depth_mm), (Mounting::Held, 21.7));
-        assert!(solved.stiffness.matrix[2][1] == solved.stiffness.matrix[1][2]);
+        assert_eq!((solved.block.sides, solved.at_depths[0].depth_mm), (Mounting::Held, 21.7));
+        assert!(solved.at_depths[0].matrix[2][1] == solved.at_depths[0].matrix[1][2]);
+        let several = Solved::all(&THREE_DEPTHS).expect("blocks");
+        assert!(several.iter().all(|solved| solved.at_depths.len() == 3));
         let [stated, far_walls, not_stated] = judged(&solved, 1, 0).expect("a session");
         assert!(stated.is_covered() && (stated.value / stated.truth - 1.0).abs() < 0.04);
         assert!(

@@ -29,17 +29,23 @@ const GAUSS: [[f64; 2]; 4] = [
 /// A block around a needle at one depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlockStiffness {
+    /// Depth of the needle.
+    pub depth_mm: f64,
     /// Against Legendre polynomials over the depth, per unit of Young's modulus and of depth.
     pub matrix: [[f64; DEGREES]; DEGREES],
 }
 
 impl BlockStiffness {
-    /// Session that a laboratory would record in it: runs along y, all at the depth that the matrix
-    /// is for.
+    /// Session that a laboratory would record in a block: runs along y, each with the stiffness at the depth that is nearest to its own.
     ///
     /// # Errors
-    /// [`BodyError::Singular`].
-    pub fn session(&self, youngs_kpa: f64, design: &Design, seed: u64) -> Result<Session, BodyError> {
+    /// [`BodyError::Singular`]; [`BodyError::NoDepth`] without a depth.
+    pub fn session(
+        at_depths: &[Self],
+        youngs_kpa: f64,
+        design: &Design,
+        seed: u64,
+    ) -> Result<Session, BodyError> {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let truth = Truth { k_kpa: youngs_kpa, tip_load_n: 0.0, effects: Vec::new(), foreign: None };
         let (world, background) = (World::new(&truth, &rig), Background::default());
@@ -47,7 +53,9 @@ impl BlockStiffness {
         for (run, plan) in (0..).zip(&design.lateral) {
             let depth_m = STEP_M * node_at(MM * plan.depth_mm) as f64;
             let flaws = Flaws::new(&background, run);
-            let bent = self.bent(&super::holding(&world, 0), depth_m)?;
+            let distance_mm = |stiffness: &Self| (stiffness.depth_mm - plan.depth_mm).abs();
+            let nearest = at_depths.iter().min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)));
+            let bent = nearest.ok_or(BodyError::NoDepth)?.bent(&super::holding(&world, 0), depth_m)?;
             let lateral_part = LateralPart {
                 world: &world,
                 flaws: &flaws,
@@ -155,8 +163,8 @@ mod tests {
             if row % 2 == 0 { values[0] } else { 2.0 / depth_m * values[1] }
         });
         let projected = patterns.tr_mul(&(&body.stiffness * &patterns)) / depth_m;
-        let block =
-            BlockStiffness { matrix: std::array::from_fn(|i| std::array::from_fn(|j| projected[(i, j)])) };
+        let matrix = std::array::from_fn(|i| std::array::from_fn(|j| projected[(i, j)]));
+        let block = BlockStiffness { depth_mm: 1e3 * depth_m, matrix };
         let holding = Holding {
             bending_n_m2: Needle::gauge_18().bending_stiffness_n_m2(),
             guide2_m: 0.06,

@@ -58,6 +58,9 @@ pub enum BodyError {
     /// Its equations have no solution.
     #[error("the body's equations cannot be solved")]
     Singular,
+    /// Its stiffness is known at no depth.
+    #[error("the body's stiffness is known at no depth, expected one or more")]
+    NoDepth,
     /// Insertions are simulated in springs only.
     #[error("insertion: the design has insertions, expected lateral runs only")]
     Insertion,
