@@ -3,6 +3,7 @@
 //! Gauss and Newton's method in the metric of noise and discrepancy. Every round finds the likeliest sizes and the likeliest noise for the
 //! linearised model, then takes a step that is halved until the objective falls. The evidence is that of Laplace's method at the end.
 
+mod jumps;
 mod start;
 
 pub(crate) use start::Start;
@@ -12,8 +13,9 @@ use super::bench::{Bench, Coordinate, Law};
 use super::evidence::{Evidence, Patterns, Products, RunPatterns};
 use super::model::Error;
 use super::noise::{Noise, likeliest, whiten};
+use jumps::Around;
 use nalgebra::{DMatrix, DVector};
-use start::{memories, unknown_noise};
+use start::memories;
 
 /// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
 const SETTLED_SD: f64 = 0.05;
@@ -222,14 +224,31 @@ impl Fitted {
             round += 1;
             let is_last = settled || round > MAX_ROUNDS;
             if round <= ROUNDS_OF_NOISE || is_last {
-                improve(bench, basis, &columns, &mut start, round == 1);
+                improve(bench, basis, &columns, &mut start);
             }
             let (patterns, products, ln_sds) = whitened(bench, basis, &start.noises, &columns);
             let evidence = patterns.evidence(&start.sizes, &products).ok_or_else(no_factor)?;
+            let around = Around {
+                bench,
+                basis,
+                laws,
+                coordinates: &coordinates,
+                start: &start,
+                point: &point,
+                jacobian: &jacobian,
+            };
+            if settled
+                && round <= MAX_ROUNDS
+                && let Some(likelier) = around.likelier()?
+            {
+                (point, settled) = (likelier, false);
+                continue;
+            }
             if is_last {
+                let sds_of_jumps = around.sds()?;
                 let whitened = Whitened { patterns, products, ln_sds };
                 let squares = squares(bench, basis, &start, &coordinates, &point).ok_or_else(no_factor)?;
-                return finish(
+                let mut fitted = finish(
                     laws,
                     &coordinates,
                     point,
@@ -240,7 +259,11 @@ impl Fitted {
                     squares,
                     settled,
                 )
-                .ok_or_else(no_factor);
+                .ok_or_else(no_factor)?;
+                for (number, sd) in sds_of_jumps {
+                    fitted.state_sd(number, sd);
+                }
+                return Ok(fitted);
             }
             let sds: Vec<f64> = coordinates
                 .iter()
@@ -269,30 +292,26 @@ impl Fitted {
         self.covariance[(number, number)].max(0.0).sqrt()
     }
 
+    /// Gives a number another standard deviation; correlations stay.
+    fn state_sd(&mut self, number: usize, sd: f64) {
+        let own = self.sd(number);
+        if own > 0.0 {
+            self.covariance.row_mut(number).scale_mut(sd / own);
+            self.covariance.column_mut(number).scale_mut(sd / own);
+        }
+    }
+
     /// Its values, noise and sizes, for a fit with further or fewer laws.
     pub fn start(&self) -> Start {
         Start { values: self.values.clone(), noises: self.noises.clone(), sizes: self.sizes.clone() }
     }
 }
 
-/// Finds sizes and noise again for the linearised model; where the laws have changed, from a noise of which nothing is known, too. What a missing law leaves is a
-/// noise with a long memory, and no noise between that one and the right one need be likelier than both.
-fn improve(
-    bench: &Bench<'_>,
-    basis: &Basis,
-    columns: &[DMatrix<f64>],
-    start: &mut Start,
-    have_laws_changed: bool,
-) {
+/// Finds sizes and noise again for the linearised model.
+fn improve(bench: &Bench<'_>, basis: &Basis, columns: &[DMatrix<f64>], start: &mut Start) {
     let (patterns, products, _) = whitened(bench, basis, &start.noises, columns);
     start.sizes = patterns.likeliest_sizes(&start.sizes, &products);
-    let memories_s = memories(bench);
-    let mut starts = vec![start.noises.clone()];
-    if have_laws_changed {
-        let known = start.noises.iter().zip(&memories_s);
-        starts.push(known.map(|(noise, memories_s)| unknown_noise(noise.sd, *memories_s)).collect());
-    }
-    start.noises = likeliest(&starts, &memories_s, |noises| {
+    start.noises = likeliest(&start.noises, &memories(bench), |noises| {
         let (patterns, products, ln_sds) = whitened(bench, basis, noises, columns);
         patterns.evidence(&start.sizes, &products).map(|evidence| evidence.minus_ln + ln_sds)
     });

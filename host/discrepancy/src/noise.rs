@@ -149,46 +149,35 @@ impl<F: Fn(&[Noise]) -> Option<f64>> CostFunction for Cost<'_, F> {
     }
 }
 
-/// The noises at which minus a log evidence is least, from the starts (of which the first is the result where none is better); memories stay in their ranges.
+/// The noises at which minus a log evidence is least, from a start; memories stay in their ranges.
 pub fn likeliest(
-    starts: &[Vec<Noise>],
+    start: &[Noise],
     memories_s: &[[f64; 2]],
     minus_ln: impl Fn(&[Noise]) -> Option<f64>,
 ) -> Vec<Noise> {
-    let mut best: Option<(f64, Vec<f64>)> = None;
-    for start in starts {
-        let first: Vec<f64> = start.iter().flat_map(coordinates).collect();
-        let cost = Cost { minus_ln: &minus_ln, memories_s };
-        let start_cost = cost.cost(&first).unwrap_or(f64::INFINITY);
-        let solver = NelderMead::new(simplex(&first)).with_sd_tolerance(MIN_DIFFERENCE);
-        let run = solver.and_then(|solver| {
-            let most_steps = MAX_STEPS * start.len() as u64;
-            Executor::new(cost, solver).configure(|state| state.max_iters(most_steps)).run()
-        });
-        let found = run.ok().and_then(|run| {
-            let state = run.state();
-            state.get_best_param().map(|found| (state.get_best_cost(), found.clone()))
-        });
-        let found = found.filter(|(cost, _)| *cost <= start_cost).unwrap_or((start_cost, first));
-        if best.as_ref().is_none_or(|(cost, _)| found.0 < *cost) {
-            best = Some(found);
-        }
-    }
-    let best = best.map_or_else(Vec::new, |(_, best)| best);
-    best.chunks(3).zip(memories_s).map(|(x, memories)| from_coordinates(x, *memories)).collect()
-}
-
-/// Corners around a start.
-fn simplex(first: &[f64]) -> Vec<Vec<f64>> {
-    let mut simplex = vec![first.to_vec()];
+    let first: Vec<f64> = start.iter().flat_map(coordinates).collect();
+    let mut simplex = vec![first.clone()];
     for (i, step) in [0.3, 0.7, 0.7].iter().cycle().take(first.len()).enumerate() {
-        let mut corner = first.to_vec();
+        let mut corner = first.clone();
         if let Some(value) = corner.get_mut(i) {
             *value += step;
         }
         simplex.push(corner);
     }
-    simplex
+    let cost = Cost { minus_ln, memories_s };
+    let start_cost = cost.cost(&first).unwrap_or(f64::INFINITY);
+    let solver = NelderMead::new(simplex).with_sd_tolerance(MIN_DIFFERENCE);
+    let run = solver.and_then(|solver| {
+        Executor::new(cost, solver).configure(|state| state.max_iters(MAX_STEPS * start.len() as u64)).run()
+    });
+    let Ok(run) = run else { return start.to_vec() };
+    let state = run.state();
+    match state.get_best_param() {
+        Some(best) if state.get_best_cost() <= start_cost => {
+            best.chunks(3).zip(memories_s).map(|(x, memories)| from_coordinates(x, *memories)).collect()
+        }
+        _ => start.to_vec(),
+    }
 }
 
 #[cfg(test)]

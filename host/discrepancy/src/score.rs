@@ -17,33 +17,15 @@ use nalgebra::{DMatrix, DVector};
 /// A law is not identifiable where the parameters do all of its effect up to this fraction of its square: a thousandth of its size.
 pub(crate) const ALL_ELIMINATED: f64 = 1e-6;
 
-/// Noises by which laws are scored: as it is in a fit, and as if it were white. What is missing may hide as noise with a long memory, which sees no more of a
-/// law than its jumps: at a shape that is not the right one, nothing.
-pub(crate) const METRICS: usize = 2;
-
-/// Where a fit of a law begins.
-#[derive(Debug, Clone)]
-pub(crate) struct Beginning {
-    /// With the priors of its amplitudes at this shape.
-    pub law: Law,
-    /// Likeliest amplitudes, then the fraction of the range of its shape.
-    pub numbers: Vec<f64>,
-}
-
-impl Beginning {
-    /// Fraction of the range of its shape; nothing of a law without one.
-    pub fn shape(&self) -> Option<f64> {
-        self.numbers.get(self.law.form.amplitudes().len()).copied()
-    }
-}
-
 /// The score of a law.
 #[derive(Debug, Clone)]
 pub(crate) struct Score {
-    /// At its best shape, with noise as it is there and as if it were white.
-    pub beginnings: [Beginning; METRICS],
-    /// Log evidence over the fit, by the same.
-    pub log_evidence: [f64; METRICS],
+    /// With the priors of its amplitudes at its best shape.
+    pub law: Law,
+    /// Likeliest amplitudes, then the fraction of the range of its shape.
+    pub numbers: Vec<f64>,
+    /// Log evidence over the fit, with noise as it is there and as if it were white.
+    pub log_evidence: [f64; 2],
 }
 
 /// Laws that are added at once at most. Two are the fewest that hide each other: each of them may be weak alone. More follow one by one or two by two,
@@ -56,23 +38,15 @@ pub(crate) struct Pair {
     /// Both, with the amplitudes that they have together.
     pub scores: [Score; TOGETHER],
     /// Log evidence over the fit, as of a score.
-    pub log_evidence: [f64; METRICS],
+    pub log_evidence: [f64; 2],
 }
 
 /// A law at its best shape with the positions of its columns.
-#[derive(Clone)]
 struct Best {
-    log_evidence: f64,
-    beginning: Beginning,
+    score: Score,
     columns: Vec<usize>,
     sds: Vec<f64>,
     fraction: Option<f64>,
-}
-
-/// A law with what is best of it by each metric.
-struct Scored {
-    best: [Best; METRICS],
-    log_evidence: [f64; METRICS],
 }
 
 /// A law at one shape.
@@ -188,56 +162,33 @@ pub(crate) fn scores(
     );
     let metrics = [as_coloured.ok_or_else(no_covariance)?, as_white.ok_or_else(no_covariance)?];
     let mut first = 0;
-    let mut scored: Vec<Scored> = Vec::new();
+    let mut all_best: Vec<Best> = Vec::new();
     for (law, directions) in laws.iter().zip(&law_directions) {
-        let mut best: [Option<Best>; METRICS] = [const { None }; METRICS];
-        let mut sums = [const { Vec::new() }; METRICS];
+        let mut best: Option<(f64, Best)> = None;
+        let mut sums = [Vec::new(), Vec::new()];
         for direction in directions {
             let columns: Vec<usize> = (first..first + direction.sds.len()).collect();
             first += direction.sds.len();
             let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
-            if evidences.iter().any(Option::is_none) {
-                continue;
-            }
-            let of_metrics = evidences.into_iter().flatten().zip(best.iter_mut().zip(&mut sums));
-            for ((log_evidence, amplitudes), (best, sum)) in of_metrics {
-                sum.push(log_evidence);
-                if best.as_ref().is_none_or(|other| log_evidence > other.log_evidence) {
-                    *best = Some(Best::new(law, direction, &columns, log_evidence, &amplitudes));
-                }
+            let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
+            sums[0].push(log_evidence);
+            sums[1].push(as_white);
+            if best.as_ref().is_none_or(|(other, _)| log_evidence > *other) {
+                let law = Law { amplitude_sds: direction.sds.clone(), ..law.clone() };
+                let numbers = numbers(amplitudes.as_slice(), &direction.sds, direction.fraction);
+                let score = Score { law, numbers, log_evidence: [0.0; 2] };
+                let (sds, fraction) = (direction.sds.clone(), direction.fraction);
+                best = Some((log_evidence, Best { score, columns, sds, fraction }));
             }
         }
-        if let [Some(as_coloured), Some(as_white)] = best {
-            let log_evidence = sums.map(|sums| ln_sum(sums.iter().copied()) - (sums.len() as f64).ln());
-            scored.push(Scored { best: [as_coloured, as_white], log_evidence });
+        if let Some((_, mut best)) = best {
+            best.score.log_evidence =
+                sums.map(|sums| ln_sum(sums.iter().copied()) - (sums.len() as f64).ln());
+            all_best.push(best);
         }
     }
-    let pairs = pairs(&metrics, &scored);
-    let scores = scored.into_iter().map(|Scored { best, log_evidence }| Score {
-        beginnings: best.map(|best| best.beginning),
-        log_evidence,
-    });
-    Ok((scores.collect(), pairs))
-}
-
-impl Best {
-    fn new(
-        law: &Law,
-        direction: &Direction,
-        columns: &[usize],
-        log_evidence: f64,
-        amplitudes: &DVector<f64>,
-    ) -> Self {
-        let (sds, fraction) = (direction.sds.clone(), direction.fraction);
-        let numbers = numbers(amplitudes.as_slice(), &sds, fraction);
-        let law = Law { amplitude_sds: sds.clone(), ..law.clone() };
-        Self { log_evidence, beginning: Beginning { law, numbers }, columns: columns.to_vec(), sds, fraction }
-    }
-
-    /// The same beginning with other amplitudes.
-    fn with_amplitudes(&self, amplitudes: &[f64]) -> Beginning {
-        Beginning { numbers: numbers(amplitudes, &self.sds, self.fraction), ..self.beginning.clone() }
-    }
+    let pairs = pairs(&metrics, &all_best);
+    Ok((all_best.into_iter().map(|best| best.score).collect(), pairs))
 }
 
 /// Amplitudes in their own units, then the fraction of the range of a shape.
@@ -247,28 +198,27 @@ fn numbers(amplitudes: &[f64], sds: &[f64], fraction: Option<f64>) -> Vec<f64> {
 
 /// Pairs of laws that hide each other, each at the shape that is best alone: together they explain more than the sum of what either does. Of
 /// others each is found by itself.
-fn pairs(metrics: &[DMatrix<f64>; METRICS], all: &[Scored]) -> Vec<Pair> {
+fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (i, one) in all.iter().enumerate() {
         for other in all.iter().skip(i + 1) {
-            let (mut are_hidden, mut log_evidence) = (false, [0.0; METRICS]);
-            let mut beginnings: [Vec<Beginning>; TOGETHER] = [const { Vec::new() }; TOGETHER];
-            let of_metrics = metrics.iter().zip(one.best.iter().zip(&other.best));
-            for ((metric, (one, other)), log_evidence) in of_metrics.zip(&mut log_evidence) {
-                let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
-                let Some((together, amplitudes)) = evidence_of(metric, &columns) else { continue };
-                *log_evidence = together;
-                are_hidden |= together > one.log_evidence + other.log_evidence;
-                let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
-                for (list, (best, amplitudes)) in beginnings.iter_mut().zip([(one, first), (other, second)]) {
-                    list.push(best.with_amplitudes(amplitudes));
-                }
+            let columns: Vec<usize> = one.columns.iter().chain(&other.columns).copied().collect();
+            let evidences = metrics.each_ref().map(|metric| evidence_of(metric, &columns));
+            let [Some((log_evidence, amplitudes)), Some((as_white, _))] = evidences else { continue };
+            let are_hidden = metrics.iter().zip([log_evidence, as_white]).any(|(metric, together)| {
+                let alone =
+                    [one, other].map(|best| evidence_of(metric, &best.columns).map_or(0.0, |found| found.0));
+                together > alone[0] + alone[1]
+            });
+            if !are_hidden {
+                continue;
             }
-            let [Ok(first), Ok(second)] = beginnings.map(<[Beginning; METRICS]>::try_from) else { continue };
-            if are_hidden {
-                let scores = [first, second].map(|beginnings| Score { beginnings, log_evidence });
-                pairs.push(Pair { scores, log_evidence });
-            }
+            let (first, second) = amplitudes.as_slice().split_at(one.columns.len());
+            let scores = [(one, first), (other, second)].map(|(best, amplitudes)| Score {
+                numbers: numbers(amplitudes, &best.sds, best.fraction),
+                ..best.score.clone()
+            });
+            pairs.push(Pair { scores, log_evidence: [log_evidence, as_white] });
         }
     }
     pairs

@@ -11,7 +11,7 @@ use super::fit::{Fitted, Start};
 use super::judge::{Judgement, errors, judge};
 use super::model::Error;
 use super::regions::regions;
-use super::score::{Beginning, METRICS, Score, scores};
+use super::score::{Score, scores};
 use super::weights::{ln_e_value, stated_ln_odds};
 
 /// Laws that are added at most: every further one costs the whole search again.
@@ -146,36 +146,14 @@ impl Search<'_> {
         Ok(fits)
     }
 
-    /// A model with further laws: the likelier of the fits from their best shapes by each metric.
+    /// A model with further laws, from the numbers of their scores or, where the model has no prediction there, from nothing of them.
     pub(super) fn extended(&self, base: &Fitted, scores: &[&Score]) -> Result<Option<Fitted>, Error> {
-        let mut likeliest: Option<Fitted> = None;
-        let mut begun_shapes: Vec<Vec<Option<f64>>> = Vec::new();
-        for metric in 0..METRICS {
-            let beginnings: Vec<&Beginning> =
-                scores.iter().filter_map(|score| score.beginnings.get(metric)).collect();
-            let shapes = beginnings.iter().map(|beginning| beginning.shape()).collect();
-            if begun_shapes.contains(&shapes) {
-                continue;
-            }
-            begun_shapes.push(shapes);
-            if let Some(fitted) = self.begun(base, &beginnings)?
-                && likeliest.as_ref().is_none_or(|other| fitted.log_evidence > other.log_evidence)
-            {
-                likeliest = Some(fitted);
-            }
-        }
-        Ok(likeliest)
-    }
-
-    /// A model with further laws, from these numbers or, where the model has no prediction there, from nothing of them.
-    fn begun(&self, base: &Fitted, beginnings: &[&Beginning]) -> Result<Option<Fitted>, Error> {
-        let added = beginnings.iter().map(|beginning| &beginning.law);
-        let laws: Vec<Law> = base.laws.iter().chain(added).cloned().collect();
+        let laws: Vec<Law> = base.laws.iter().chain(scores.iter().map(|score| &score.law)).cloned().collect();
         for factor in [1.0, 0.0] {
             let mut start = base.start();
-            for Beginning { law, numbers } in beginnings {
-                let amplitudes = law.form.amplitudes().len();
-                let (scaled, shape) = numbers.split_at(amplitudes.min(numbers.len()));
+            for score in scores {
+                let amplitudes = score.law.form.amplitudes().len();
+                let (scaled, shape) = score.numbers.split_at(amplitudes.min(score.numbers.len()));
                 start.values.extend(scaled.iter().map(|number| factor * number).chain(shape.iter().copied()));
             }
             match Fitted::new(self.bench, self.basis, &laws, &start) {

@@ -21,14 +21,13 @@ impl Start {
     /// At the prior means, with noise of the size of the residuals.
     pub fn plain(bench: &Bench<'_>, basis: &Basis) -> Self {
         let values = bench.coordinates(&[]).iter().map(|coordinate| coordinate.mean).collect();
-        let noises = memories(bench).into_iter().map(|memories_s| unknown_noise(0.3, memories_s));
+        let noises = memories(bench).into_iter().map(|[shortest_s, longest_s]| Noise {
+            sd: 0.3,
+            correlated: 0.5,
+            memory_s: (shortest_s * longest_s).sqrt(),
+        });
         Self { values, noises: noises.collect(), sizes: basis.everyday() }
     }
-}
-
-/// Noise of which no more than its size is known.
-pub(super) fn unknown_noise(sd: f64, [shortest_s, longest_s]: [f64; 2]) -> Noise {
-    Noise { sd, correlated: 0.5, memory_s: (shortest_s * longest_s).sqrt() }
 }
 
 fn duration(times: &[f64]) -> f64 {
