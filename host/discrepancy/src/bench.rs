@@ -49,8 +49,6 @@ pub(crate) struct Coordinate {
     pub sd: f64,
     pub least: f64,
     pub most: f64,
-    /// Whether predictions jump with it, reading by reading, as with the level of a step.
-    pub jumps: bool,
 }
 
 /// A model with its data.
@@ -170,7 +168,7 @@ impl<'a> Bench<'a> {
         let whole = [f64::NEG_INFINITY, f64::INFINITY];
         let of_model = self.model.parameters().iter().map(|parameter| {
             let [least, most] = parameter.range.unwrap_or(whole);
-            Coordinate { mean: parameter.mean, sd: parameter.sd, least, most, jumps: false }
+            Coordinate { mean: parameter.mean, sd: parameter.sd, least, most }
         });
         let of_laws = laws.iter().flat_map(|law| {
             let amplitudes = law.amplitude_sds.iter().map(|sd| Coordinate {
@@ -178,12 +176,10 @@ impl<'a> Bench<'a> {
                 sd: *sd,
                 least: whole[0],
                 most: whole[1],
-                jumps: false,
             });
             // A fraction of the range of a shape: uniform, with the moments of a uniform distribution.
             let sd = 12f64.sqrt().recip();
-            let jumps = law.form == Form::Step;
-            let shape = law.shape().map(|_| Coordinate { mean: 0.5, sd, least: 0.0, most: 1.0, jumps });
+            let shape = law.shape().map(|_| Coordinate { mean: 0.5, sd, least: 0.0, most: 1.0 });
             amplitudes.chain(shape).collect::<Vec<_>>()
         });
         of_model.chain(of_laws).collect()

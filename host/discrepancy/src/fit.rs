@@ -3,19 +3,12 @@
 //! Gauss and Newton's method in the metric of noise and discrepancy. Every round finds the likeliest sizes and the likeliest noise for the
 //! linearised model, then takes a step that is halved until the objective falls. The evidence is that of Laplace's method at the end.
 
-mod jumps;
-mod start;
-
-pub(crate) use start::Start;
-
 use super::basis::Basis;
 use super::bench::{Bench, Coordinate, Law};
 use super::evidence::{Evidence, Patterns, Products, RunPatterns};
 use super::model::Error;
 use super::noise::{Noise, likeliest, whiten};
-use jumps::Around;
 use nalgebra::{DMatrix, DVector};
-use start::memories;
 
 /// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
 const SETTLED_SD: f64 = 0.05;
@@ -28,12 +21,11 @@ const ROUNDS_OF_NOISE: usize = 4;
 /// Steps of differences: of the prior's standard deviation at first, then of the posterior's.
 const FIRST_STEP: f64 = 1e-4;
 const STEP: f64 = 0.05;
-/// The same of a number with which predictions jump reading by reading: between two readings their derivative is zero, and over a posterior standard deviation it
-/// is that of what the data tell apart: of independent readings, `n` per unit, the likelihood falls over `s = sd^2 / (jump^2 n)`, and a step of `h` has a variance of `s h`. It is
-/// sought from half the distance of the grid on which shapes are scored.
-const FIRST_STEP_OF_A_JUMP: f64 = 0.2;
-const STEP_OF_A_JUMP: f64 = 1.0;
 const MIN_STEP: f64 = 1e-7;
+/// Shortest memory of a correlated noise, in distances of readings, and longest, as a fraction of a run: neither shorter nor longer ones
+/// differ from white noise and from an offset of the run.
+const SHORTEST_MEMORY: f64 = 1.0;
+const LONGEST_MEMORY: f64 = 0.25;
 
 /// A fitted set of laws.
 #[derive(Clone)]
@@ -55,6 +47,49 @@ struct Whitened {
     patterns: Patterns,
     products: Products,
     ln_sds: f64,
+}
+
+/// Start of a fit.
+#[derive(Clone)]
+pub(crate) struct Start {
+    pub values: Vec<f64>,
+    pub noises: Vec<Noise>,
+    pub sizes: Vec<f64>,
+}
+
+impl Start {
+    /// At the prior means, with noise of the size of the residuals.
+    pub fn plain(bench: &Bench<'_>, basis: &Basis) -> Self {
+        let values = bench.coordinates(&[]).iter().map(|coordinate| coordinate.mean).collect();
+        let noises = memories(bench).into_iter().map(|[shortest_s, longest_s]| Noise {
+            sd: 0.3,
+            correlated: 0.5,
+            memory_s: (shortest_s * longest_s).sqrt(),
+        });
+        Self { values, noises: noises.collect(), sizes: basis.everyday() }
+    }
+}
+
+fn duration(times: &[f64]) -> f64 {
+    times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first)
+}
+
+/// The range of memories of each channel's noise.
+fn memories(bench: &Bench<'_>) -> Vec<[f64; 2]> {
+    (0..bench.scales.len())
+        .map(|channel| {
+            let (mut longest, mut shortest_step) = (0.0, f64::INFINITY);
+            let segments = bench.training.iter().flat_map(|run| &run.segments);
+            for segment in segments.filter(|segment| segment.channel == channel) {
+                let duration_s = duration(&segment.time_s);
+                let steps = segment.time_s.len().saturating_sub(1).max(1);
+                longest = f64::max(longest, duration_s);
+                shortest_step = f64::min(shortest_step, duration_s / steps as f64);
+            }
+            let shortest = SHORTEST_MEMORY * shortest_step.clamp(1e-12, 1e12);
+            [shortest, (LONGEST_MEMORY * longest).max(2.0 * shortest)]
+        })
+        .collect()
 }
 
 /// Whitened patterns, and products of columns (one matrix per run) with them.
@@ -162,21 +197,13 @@ fn jacobian(
     let numbered = coordinates.iter().zip(steps).enumerate().collect();
     let derivatives: Vec<Vec<DVector<f64>>> = bench.each(numbered, |(number, (coordinate, step))| {
         let value = point.values.get(number).copied().unwrap_or(coordinate.mean);
-        let mut step = *step;
-        loop {
-            let (least, lower) = point.moved(bench, laws, number, (value - step).max(coordinate.least))?;
-            let (most, upper) = point.moved(bench, laws, number, (value + step).min(coordinate.most))?;
-            // Between two readings a jump is anywhere.
-            let is_between = coordinate.jumps && lower == upper && step < coordinate.sd;
-            if most > least && !is_between {
-                let pairs = lower.iter().zip(&upper);
-                return Ok(pairs.map(|(lower, upper)| (lower - upper) / (most - least)).collect());
-            }
-            if !is_between {
-                return Ok(point.residuals.iter().map(|part| DVector::zeros(part.len())).collect());
-            }
-            step *= 2.0;
+        let (least, lower) = point.moved(bench, laws, number, (value - step).max(coordinate.least))?;
+        let (most, upper) = point.moved(bench, laws, number, (value + step).min(coordinate.most))?;
+        if most > least {
+            let pairs = lower.iter().zip(&upper);
+            return Ok(pairs.map(|(lower, upper)| (lower - upper) / (most - least)).collect());
         }
+        Ok(point.residuals.iter().map(|part| DVector::zeros(part.len())).collect())
     })?;
     Ok((0..point.residuals.len())
         .map(|run| {
@@ -211,11 +238,7 @@ impl Fitted {
             .collect();
         let mut point = Point { residuals: bench.residuals(laws, &values)?, values };
         let mut start = start.clone();
-        let first_steps = coordinates.iter().map(|one| {
-            let share = if one.jumps { FIRST_STEP_OF_A_JUMP } else { FIRST_STEP };
-            share * one.sd
-        });
-        let mut steps: Vec<f64> = first_steps.collect();
+        let mut steps: Vec<f64> = coordinates.iter().map(|one| FIRST_STEP * one.sd).collect();
         let mut settled = false;
         let mut round = 0;
         loop {
@@ -228,27 +251,10 @@ impl Fitted {
             }
             let (patterns, products, ln_sds) = whitened(bench, basis, &start.noises, &columns);
             let evidence = patterns.evidence(&start.sizes, &products).ok_or_else(no_factor)?;
-            let around = Around {
-                bench,
-                basis,
-                laws,
-                coordinates: &coordinates,
-                start: &start,
-                point: &point,
-                jacobian: &jacobian,
-            };
-            if settled
-                && round <= MAX_ROUNDS
-                && let Some(likelier) = around.likelier()?
-            {
-                (point, settled) = (likelier, false);
-                continue;
-            }
             if is_last {
-                let sds_of_jumps = around.sds()?;
                 let whitened = Whitened { patterns, products, ln_sds };
                 let squares = squares(bench, basis, &start, &coordinates, &point).ok_or_else(no_factor)?;
-                let mut fitted = finish(
+                return finish(
                     laws,
                     &coordinates,
                     point,
@@ -259,22 +265,15 @@ impl Fitted {
                     squares,
                     settled,
                 )
-                .ok_or_else(no_factor)?;
-                for (number, sd) in sds_of_jumps {
-                    fitted.state_sd(number, sd);
-                }
-                return Ok(fitted);
+                .ok_or_else(no_factor);
             }
             let sds: Vec<f64> = coordinates
                 .iter()
                 .enumerate()
                 .map(|(i, one)| evidence.covariance[(i, i)].max(0.0).sqrt() * one.sd)
                 .collect();
-            let next_steps = sds.iter().zip(&coordinates).map(|(sd, one)| {
-                let share = if one.jumps { STEP_OF_A_JUMP } else { STEP };
-                (share * sd).max(MIN_STEP * one.sd)
-            });
-            steps = next_steps.collect();
+            steps =
+                sds.iter().zip(&coordinates).map(|(sd, one)| (STEP * sd).max(MIN_STEP * one.sd)).collect();
             let step = step(&coordinates, &point.values, &evidence);
             let is_short = step.iter().zip(&sds).all(|(step, sd)| step.abs() <= SETTLED_SD * sd);
             match descend(bench, basis, laws, &start, &coordinates, &point, &step)? {
@@ -290,15 +289,6 @@ impl Fitted {
     /// Standard deviation of a number.
     pub fn sd(&self, number: usize) -> f64 {
         self.covariance[(number, number)].max(0.0).sqrt()
-    }
-
-    /// Gives a number another standard deviation; correlations stay.
-    fn state_sd(&mut self, number: usize, sd: f64) {
-        let own = self.sd(number);
-        if own > 0.0 {
-            self.covariance.row_mut(number).scale_mut(sd / own);
-            self.covariance.column_mut(number).scale_mut(sd / own);
-        }
     }
 
     /// Its values, noise and sizes, for a fit with further or fewer laws.

@@ -64,7 +64,6 @@ mod basis;
 mod bench;
 mod data;
 mod display;
-mod effect;
 pub mod evidence;
 mod fit;
 mod form;
@@ -86,7 +85,6 @@ mod term;
 pub mod weights;
 
 pub use data::{Channel, Column, Data, DataError, Run, TIME};
-pub use effect::Effect;
 pub use form::{Form, Shape, Span};
 pub use function::FunctionModel;
 pub use judge::Judgement;
@@ -95,6 +93,7 @@ pub use report::{
     ChannelReport, DiscrepancyReport, Estimate, LawName, Misfit, NoiseReport, ParameterReport, PartReport,
     RefusedReport, Report, Rival, TermReport, Verdict,
 };
+pub use score::Effect;
 pub use table::TableError;
 pub use term::{Ranges, Term, Terms};
 
