@@ -93,7 +93,9 @@ def held(interval: list[float] | None, values: list[float | None]) -> bool:
 def intervals(result: Record) -> list[list[float] | None]:
     """Interval of K as printed, and that of the mean modulus where there is one."""
     mean = (result.get("mean_modulus") or {}).get("modulus_kpa") or {}
-    return [result.get("k_ci95_kpa"), mean.get("ci95")]
+    # Where the tissue is taken for an elastic body the mean is that of Young's modulus, which is no K.
+    is_body = (result.get("foundation") or {}).get("used") == "body"
+    return [result.get("k_ci95_kpa"), None if is_body else mean.get("ci95")]
 
 
 def label(effect: Record) -> str:
