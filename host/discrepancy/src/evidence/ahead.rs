@@ -58,10 +58,10 @@ impl Known {
     fn beside(self, own: usize) -> Self {
         let Self { precision, by_precision } = self;
         let count = own + by_precision.len();
-        let mut known = Self::nothing(count);
-        known.precision.view_mut((own, own), precision.shape()).copy_from(&precision);
-        known.by_precision.rows_mut(own, by_precision.len()).copy_from(&by_precision);
-        known
+        let mut wider = Self::nothing(count);
+        wider.precision.view_mut((own, own), precision.shape()).copy_from(&precision);
+        wider.by_precision.rows_mut(own, by_precision.len()).copy_from(&by_precision);
+        wider
     }
 
     fn solved(&self) -> Option<Solved> {
@@ -111,8 +111,9 @@ impl Patterns {
         shared: &SharedAmplitudes,
         further_runs: &[FurtherRun],
     ) -> Option<Vec<Ahead>> {
-        let in_common = shared.root.nrows() + further_runs.first()?.columns.ncols() - 1;
-        let mut known = Known::nothing(in_common);
+        let Some(first) = further_runs.first() else { return Some(Vec::new()) };
+        let in_common = shared.root.nrows() + first.columns.ncols() - 1;
+        let mut knowledge = Known::nothing(in_common);
         let mut all_parts = Vec::new();
         for FurtherRun { run, columns, parts } in further_runs {
             let patterns = self.runs.get(*run)?;
@@ -121,21 +122,21 @@ impl Patterns {
             let mut run_patterns = patterns.own.clone();
             scale_columns(&mut run_patterns, &sizes_of(&patterns.own_groups, sizes));
             let distances = columns - &shared_patterns * &shared.means;
-            let own = run_patterns.ncols();
-            let mut unknowns = run_patterns.resize_horizontally(own + in_common, 0.0);
+            let own_count = run_patterns.ncols();
+            let mut unknowns = run_patterns.resize_horizontally(own_count + in_common, 0.0);
             let roots = shared.root.nrows();
-            unknowns.columns_mut(own, roots).copy_from(&(shared_patterns * shared.root.transpose()));
+            unknowns.columns_mut(own_count, roots).copy_from(&(shared_patterns * shared.root.transpose()));
             unknowns
-                .columns_mut(own + roots, in_common - roots)
+                .columns_mut(own_count + roots, in_common - roots)
                 .copy_from(&distances.columns(1, in_common - roots));
-            known = known.beside(own);
-            let mut so_far = known.solved()?;
+            knowledge = knowledge.beside(own_count);
+            let mut so_far = knowledge.solved()?;
             for readings in parts {
-                let part = unknowns.select_rows(readings);
+                let part_unknowns = unknowns.select_rows(readings);
                 let distance = distances.column(0).select_rows(readings);
-                known.precision.gemm_tr(1.0, &part, &part, 1.0);
-                known.by_precision.gemv_tr(1.0, &part, &distance, 1.0);
-                let with_part = known.solved()?;
+                knowledge.precision.gemm_tr(1.0, &part_unknowns, &part_unknowns, 1.0);
+                knowledge.by_precision.gemv_tr(1.0, &part_unknowns, &distance, 1.0);
+                let with_part = knowledge.solved()?;
                 all_parts.push(Ahead {
                     square: distance.norm_squared() - (with_part.square - so_far.square),
                     ln_determinant: with_part.ln_determinant - so_far.ln_determinant,
@@ -143,7 +144,7 @@ impl Patterns {
                 });
                 so_far = with_part;
             }
-            known = so_far.of_last(in_common);
+            knowledge = so_far.of_last(in_common);
         }
         Some(all_parts)
     }

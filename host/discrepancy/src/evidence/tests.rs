@@ -269,7 +269,7 @@ fn further_runs_have_the_density_of_all_runs_less_that_of_the_first() {
     ];
     let parts = patterns.ahead(&sizes, &shared, &further_runs).expect("densities");
     let sum: f64 = parts.iter().map(|part| part.square + part.ln_determinant).sum();
-    let of = |patterns: &Patterns, columns: &[DMatrix<f64>]| {
+    let minus_2_ln_density = |patterns: &Patterns, columns: &[DMatrix<f64>]| {
         let (dense_columns, right) = dense(patterns, columns, &sizes);
         let rows: usize = columns.iter().map(DMatrix::nrows).sum();
         let (dense_columns, right) = (dense_columns.rows(0, rows), right.rows(0, rows));
@@ -280,6 +280,7 @@ fn further_runs_have_the_density_of_all_runs_less_that_of_the_first() {
         let (factor, residuals) = (covariance.cholesky().expect("positive"), right.column(PARAMETERS));
         residuals.dot(&factor.solve(&residuals)) + 2.0 * ln_diagonal(&factor)
     };
-    let expected = of(&patterns, &columns) - of(&first, &columns[..1]);
+    let expected = minus_2_ln_density(&patterns, &columns) - minus_2_ln_density(&first, &columns[..1]);
     assert!((sum / expected - 1.0).abs() < 1e-9, "{sum} {expected}");
+    assert_eq!(patterns.ahead(&sizes, &shared, &[]), Some(Vec::new()));
 }
