@@ -179,7 +179,8 @@ impl Law {
             None => self.form.formula(values, self.site, self.regressor),
         };
         let symbol = self.site.symbol();
-        let close = if symbol.contains('(') { ")" } else { "" };
+        let is_open = symbol.matches('(').count() > symbol.matches(')').count();
+        let close = if is_open { ")" } else { "" };
         let plane = match self.scope {
             Scope::Both => "",
             Scope::Vertical => " in the vertical plane",
@@ -271,6 +272,10 @@ mod tests {
     #[test]
     fn formulas_have_values_and_units() {
         assert_eq!(formula_of("law.force.displacement.cubic", &[0.05]), "F_read = F + 0.0500 N/mm^3 d^3");
+        assert_eq!(
+            formula_of("law.tissue_y.across.linear", &[0.15]),
+            "p = K (u - w), w = 0.1500 mm/mm across in the vertical plane"
+        );
         assert_eq!(
             formula_of("law.modulus.run.exponential", &[-0.2, 3.0]),
             "K = K_0 (1 + -0.2000 (1 - exp(-n / 3.0000)))"
