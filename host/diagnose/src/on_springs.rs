@@ -73,7 +73,7 @@ mod tests {
     use worlds::body::{Bodies, Body, Fineness};
     use worlds::{Background, Design};
 
-    /// What guide 2 stays behind makes plain springs softer, and is no property of the tissue: K is that of the same body without it.
+    /// A frame that gives makes plain springs softer, and is no property of the tissue: K is that of the same body without it.
     #[test]
     fn k_of_a_body_is_that_beside_the_effects_that_were_found() {
         let bodies = Bodies::new(Fineness::COARSE);

@@ -56,7 +56,7 @@ fn what_was_held_out_is_judged_after_the_training_runs() {
     assert!((0.5..1.5).contains(&(sum / readings as f64)), "{sum} of {readings} readings");
     assert!(judge.is_chance(&start.fitted));
 
-    // Of exact parameters the residuals alone are left.
+    // Exact parameters leave the residuals alone.
     let mut exact = start.fitted.clone();
     exact.covariance *= 1e-18;
     let parts = judge.after_training(&exact, &everyday).expect("parts");
@@ -71,7 +71,7 @@ fn what_was_held_out_is_judged_after_the_training_runs() {
     assert_eq!(parts[0].readings, judge.runs[0].run.readings_of_parts()[0].len());
 }
 
-/// What the training runs leave open of a parameter is no error of the model: the held-out runs are expected to tell of it.
+/// A parameter that the training runs leave open is no error of the model: the held-out runs are expected to tell of it.
 #[test]
 fn what_is_not_determined_costs_no_more_than_it_can_be() {
     let (start, judge) = start_and_judge();

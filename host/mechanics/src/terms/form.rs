@@ -112,7 +112,7 @@ impl Form {
             Regressor::ToTip => &[Self::Within, Self::Bump],
             Regressor::Constant => &[Self::Constant],
             Regressor::Direction => &[Self::Linear],
-            // What one axis does to the other: turned axes, an arc, a side that is preferred.
+            // One axis acts on the other: turned axes, an arc, a side that is preferred.
             Regressor::Across => &[Self::Linear, Self::Quadratic, Self::Absolute, Self::Sign],
             // Viscous friction, the difference of both directions, and what is more at rest.
             Regressor::Speed => &[Self::Linear, Self::Absolute, Self::Decay],

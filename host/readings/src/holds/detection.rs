@@ -22,7 +22,7 @@ pub struct HoldCriteria {
 
 impl Default for HoldCriteria {
     fn default() -> Self {
-        Self { min_duration_s: 0.5, still_m: 0.02e-3, zero_m: 0.1e-3 }
+        Self { min_duration_s: SHORTEST_HOLD_S, still_m: 0.02e-3, zero_m: 0.1e-3 }
     }
 }
 
@@ -327,8 +327,11 @@ fn drift(plane: &[f64], part: &Range<usize>) -> f64 {
     12.0 * moment / (n * n - 1.0)
 }
 
-/// Bins of one value on average, from which on values are rounded ones; a value of so many at most is one on the way.
-const PASSED: usize = 4;
+/// Shortest hold, in seconds and in bins: a value that stands for less is one on the way.
+const SHORTEST_HOLD_S: f64 = 0.5;
+const SHORTEST_HOLD: usize = (SHORTEST_HOLD_S / BIN_S + 0.5) as usize;
+/// Bins of one value on average, from which on values are rounded ones.
+const FEW: usize = 4;
 
 /// Standard deviation of the noise of a bin: from second differences, and never below the rounding of the values.
 pub(super) fn noise(bins: &[f64]) -> f64 {
@@ -338,14 +341,14 @@ pub(super) fn noise(bins: &[f64]) -> f64 {
     let mut sorted = bins.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.dedup();
-    // Guide 2 passes through the values to which its sensor rounds, or noise toggles between two of them. Where every value stands for long, as
-    // in a staircase that was computed, its steps are those of guide 2.
+    // Guide 2 passes through the values to which its sensor rounds, or noise toggles between two of them. Where every value stands as long
+    // as a hold, as in a staircase that was computed, its steps are those of guide 2.
     let mut inner = bins.chunk_by(|a, b| a == b).skip(1).peekable();
     let mut is_passed = false;
     while let Some(stretch) = inner.next() {
-        is_passed |= inner.peek().is_some() && stretch.len() <= PASSED;
+        is_passed |= inner.peek().is_some() && stretch.len() < SHORTEST_HOLD;
     }
-    let few = is_passed && sorted.len() * PASSED < bins.len();
+    let few = is_passed && sorted.len() * FEW < bins.len();
     let step =
         sorted.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > 1e-9).fold(f64::INFINITY, f64::min);
     if few && step.is_finite() { white.max(step / 12f64.sqrt()) } else { white }

@@ -371,7 +371,7 @@ fn noise_of_a_displacement_is_no_motion_and_a_small_step_is() {
     assert!(reading_sd_m(&computed, &hold) < 1e-9);
     // On the way from level to level a coarse sensor shows its grid.
     let passed: Vec<f64> =
-        computed.chunks(60).flat_map(|level| [&[level[0] - 0.1e-3; 2], level].concat()).collect();
+        computed.chunks(60).flat_map(|level| [&[level[0] - 0.1e-3; 7], level].concat()).collect();
     assert!((reading_sd_m(&passed, &[]) / (0.1e-3 / 12f64.sqrt()) - 1.0).abs() < 1e-6);
 }
 

@@ -1,4 +1,4 @@
-//! What one axis does to the other.
+//! Effects of one axis on the other.
 
 use super::{channels, channels_with, lateral, plain};
 use crate::Experiment;
