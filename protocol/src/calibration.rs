@@ -1,8 +1,8 @@
 //! The constants of one rig, as the host sends them and the device keeps them.
 //!
 //! A record is sent in pieces of [`PIECE_BYTES`] (`Request::LoadCalibration`) and then stored (`Request::StoreCalibration`) if
-//! its checksum is the one that was meant. The device keeps it through power-off and reports its id and checksum in every hello, so
-//! that each recording can name the constants it was made with.
+//! its checksum equals the one that the host announces. The device keeps it through power-off and reports its id and checksum
+//! in every hello, so that each recording names the constants with which it was made.
 
 use crate::Text;
 use postcard::experimental::max_size::MaxSize;
@@ -15,7 +15,7 @@ pub const KNOTS: usize = 9;
 pub const CODES_PER_KNOT: u16 = 512;
 /// Bytes of a record in one `Request::LoadCalibration`.
 pub const PIECE_BYTES: usize = 16;
-/// Most bytes that a record encodes to.
+/// Largest size of an encoded record, bytes.
 pub const MAX_CALIBRATION: usize = CalibrationRecord::POSTCARD_MAX_SIZE;
 
 /// The constants of one rig.
@@ -25,7 +25,7 @@ pub struct CalibrationRecord {
     pub id: Text<16>,
     /// Potentiometers of the x and the y actuator.
     pub potentiometers: [PotentiometerTable; 2],
-    /// Guide 2 may be sent this far from its straight-needle position along each axis, micrometres.
+    /// Largest distance of guide 2 from its straight-needle position along each axis, micrometres.
     pub travel_um: u32,
     /// Force along x (first row) and y per converter code of channel 0 and 1, piconewtons: gains on the diagonal, cross-talk
     /// off it.
@@ -34,14 +34,14 @@ pub struct CalibrationRecord {
     pub force_range_mn: u32,
 }
 
-/// From the codes of one potentiometer to the position of guide 2, which is zero where the needle is straight.
+/// Table that converts the codes of one potentiometer to the position of guide 2, which is zero where the needle is straight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct PotentiometerTable {
     /// Least and greatest code of a sound potentiometer; beyond them a wire is open or shorted.
     pub track_codes: [u16; 2],
     /// Position at each knot when the position has been rising, micrometres.
     pub rising_um: [i16; KNOTS],
-    /// Position at each knot when it has been falling, micrometres: gears and wiper have play.
+    /// Position at each knot when it has been falling, micrometres. It differs from `rising` by the play of gears and wiper.
     pub falling_um: [i16; KNOTS],
 }
 
@@ -57,7 +57,7 @@ pub struct CalibrationId {
 impl CalibrationRecord {
     /// The bytes that are sent and stored.
     pub fn encode<'a>(&self, buffer: &'a mut [u8; MAX_CALIBRATION]) -> &'a [u8] {
-        // As long as the largest record, so that this one fits.
+        // The buffer holds the largest record, so that encoding cannot fail.
         postcard::to_slice(self, buffer).map_or(&[], |bytes| &*bytes)
     }
 

@@ -1,12 +1,11 @@
-//! Messages on the device's condition: status, safety, and what it was built for.
+//! Messages about the device: its status, its safety state and the description of its build.
 
 use crate::{Fault, State};
 use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// Conditions beside the status that decide whether the guide may move, and the meaning of the
-/// force.
+/// Conditions, besides the status, that decide whether the guide may move and what the force is relative to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Safety {
     /// Device time, microseconds.
@@ -17,9 +16,9 @@ pub struct Safety {
     pub tared: bool,
     /// Zero of the force along x and y, in force counts from the calibration's zero.
     pub zero_counts: [i32; 2],
-    /// Time of rest until the motors x and y have cooled so far that `MotorHot` can be cleared, seconds; 0 for one that has.
+    /// Rest until motor x and motor y are cool enough for `MotorHot` to be cleared, seconds; 0 for a cool motor.
     pub cools_in_s: [u16; 2],
-    /// The axes x and y have moved the way they were driven since the start; until then they are driven slowly.
+    /// Whether axis x and axis y have moved in their driven direction since the start. Until then an axis is driven slowly.
     pub proven: [bool; 2],
 }
 
@@ -28,9 +27,9 @@ pub struct Safety {
 pub enum CalibrationSource {
     /// From the calibration that is stored on the device.
     Stored,
-    /// None is stored: those of the rig as designed, not acknowledged since the start.
+    /// None is stored. The constants are those of the rig as designed; they have not been acknowledged since the start.
     Nominal,
-    /// The same, acknowledged: programs run.
+    /// The constants of the rig as designed, acknowledged since the start, so that programs run.
     NominalAcknowledged,
 }
 
@@ -41,7 +40,7 @@ pub struct Description {
     pub protocol_version: u16,
     /// [`crate::schema_hash`].
     pub schema_hash: [u8; 8],
-    /// Most steps of a program.
+    /// Largest number of steps of a program.
     pub max_steps: u8,
     /// Fastest path, micrometres per second.
     pub speed_limit_um_s: u32,
@@ -49,15 +48,15 @@ pub struct Description {
     pub duration_limit_ms: u32,
     /// Longest tare, milliseconds.
     pub tare_limit_ms: u32,
-    /// Most that a start may lie ahead, microseconds.
+    /// Longest time between a request and the start of its program, microseconds.
     pub start_limit_us: u64,
-    /// Most that a retreat moves along each axis, micrometres.
+    /// Largest motion of a retreat along each axis, micrometres.
     pub retreat_limit_um: u32,
     /// Least and greatest silence of the host that can be set, milliseconds.
     pub silence_limit_ms: [u32; 2],
-    /// Answers of a connection that are remembered for repeats.
+    /// Number of answers per connection that are kept for repeated commands.
     pub answers_remembered: u8,
-    /// Connections whose tokens are valid at a time.
+    /// Number of connections whose tokens are valid at the same time.
     pub connections: u8,
 }
 
@@ -86,12 +85,12 @@ pub struct Status {
     pub motor_budget_permille: [u16; 2],
     /// Limit of the force along either axis, relative to the tare and from the calibration's zero, millinewtons.
     pub force_limit_mn: u32,
-    /// Longest time without an intact command while a program is pending or running, milliseconds.
+    /// Longest time without an accepted command of the connection that started the program, milliseconds.
     pub silence_limit_ms: u32,
     /// Lateral stiffness along x and y since the last tare; none before guide 2 has moved far enough to determine it.
     pub stiffness: [Option<Stiffness>; 2],
-    /// There is no valid reading of the force in this period (missing, or a saturated converter): `force_counts` is an earlier one. Not
-    /// there up to version 5.
+    /// There is no valid reading of the force in this period (missing, or a saturated converter), and `force_counts` repeats an
+    /// earlier one. Versions up to 5 lack this field.
     pub repeats_force: bool,
 }
 
@@ -102,11 +101,11 @@ pub struct Load {
     pub cpu_permille: u16,
     /// Longest work of a control period since start, from its wake-up to its last output, microseconds.
     pub longest_period_us: u16,
-    /// Latest begin of a control period since start, microseconds after it was due.
+    /// Largest delay with which a control period has begun since start, microseconds.
     pub latest_start_us: u16,
     /// Bytes of the stack that have never been used.
     pub stack_free_bytes: u32,
-    /// Most entries of the outbox (batches, answers, events) that were occupied at once since start.
+    /// Largest number of occupied entries of the outbox (batches, answers, events) since start.
     pub outbox_most: u8,
 }
 
@@ -134,7 +133,7 @@ pub struct Counters {
     pub frames_overlong: u32,
     /// Command frames that were intact but could not be decoded.
     pub frames_unreadable: u32,
-    /// Control periods without a valid force reading, for any of the four reasons that follow or a failed bus.
+    /// Control periods without a valid force reading: wrong checksum, nothing new, reset, saturated channel or failed bus.
     pub force_readings_bad: u32,
     /// Control periods that began late by more than half a period.
     pub control_overruns: u32,

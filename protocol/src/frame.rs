@@ -13,17 +13,17 @@ const fn body_bytes(payload: usize) -> usize {
     corncobs::max_encoded_len(payload + CRC_BYTES) - 1
 }
 
-/// Most bytes between the delimiters of a frame from the device.
+/// Largest number of bytes between the delimiters of a frame from the device.
 pub const MAX_BODY_TO_HOST: usize = body_bytes(Envelope::POSTCARD_MAX_SIZE);
-/// Most bytes between the delimiters of a frame from the host.
+/// Largest number of bytes between the delimiters of a frame from the host.
 pub const MAX_BODY_TO_DEVICE: usize = body_bytes(Command::POSTCARD_MAX_SIZE);
-/// Most bytes of a frame from the device, both delimiters included.
+/// Largest frame from the device, bytes, both delimiters included.
 pub const MAX_FRAME_TO_HOST: usize = MAX_BODY_TO_HOST + 2;
-/// Most bytes of a frame from the host, both delimiters included.
+/// Largest frame from the host, bytes, both delimiters included.
 pub const MAX_FRAME_TO_DEVICE: usize = MAX_BODY_TO_DEVICE + 2;
 
-/// Most bytes before stuffing, both ways. Below 254, stuffing costs one byte and is one-to-one: no two bodies decode to the
-/// same bytes, so that a changed body cannot be taken for the original.
+/// Largest number of bytes before stuffing, both ways. Below 254 bytes stuffing costs one byte and is one-to-one: no two bodies
+/// decode to the same bytes, so that a changed body cannot be taken for the original.
 pub(crate) const MAX_PLAIN: usize = 253;
 const _: () = assert!(Envelope::POSTCARD_MAX_SIZE + CRC_BYTES <= MAX_PLAIN);
 const _: () = assert!(Command::POSTCARD_MAX_SIZE + CRC_BYTES <= MAX_PLAIN);
@@ -64,28 +64,28 @@ pub(crate) fn seal<'a>(
 
     let (first, body) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
     *first = 0;
-    // The largest number of stuffed bytes for so few is their number.
+    // For fewer than 254 bytes the largest stuffed length is also the only one.
     let stuffed =
         body.get_mut(..corncobs::max_encoded_len(plain.len())).ok_or(EncodeError::OutputTooShort)?;
     let end = 1 + corncobs::encode_buf(plain, stuffed);
     output.get(..end).ok_or(EncodeError::OutputTooShort)
 }
 
-/// A message that a [`Receiver`] can receive, and what can be saved of it where its types are not ours.
+/// A message that a [`Receiver`] can receive, with the part of it that is readable in every version of the protocol.
 pub trait Incoming: DeserializeOwned {
-    /// Readable part of a message that does not decode.
+    /// Part of a message that is readable although the message does not decode.
     type Salvage;
 
-    /// Reads that from an intact payload. The parts it reads stay where they are in every version of the protocol.
+    /// Reads that part from an intact payload. It has the same place in every version of the protocol.
     fn salvage(payload: &[u8]) -> Option<Self::Salvage>;
 
-    /// Reads the message of an intact payload, of which nothing may be left over.
+    /// Reads the message of an intact payload, which the message must fill exactly.
     fn read(payload: &[u8]) -> Option<Self> {
         exactly(payload)
     }
 }
 
-/// The message that takes up a payload to its last byte.
+/// The message, if it fills the payload to the last byte.
 fn exactly<T: DeserializeOwned>(payload: &[u8]) -> Option<T> {
     match postcard::take_from_bytes(payload) {
         Ok((message, [])) => Some(message),
@@ -103,7 +103,7 @@ impl Incoming for Envelope {
 
     fn read(payload: &[u8]) -> Option<Self> {
         exactly(payload).or_else(|| {
-            // Samples and states of version 5 and before end a field earlier, which is zero.
+            // Up to version 5 `Samples` and `Status` lack their last field; it is read as zero.
             let mut longer = [0; MAX_PLAIN];
             longer.get_mut(..payload.len())?.copy_from_slice(payload);
             let envelope: Self = exactly(longer.get(..=payload.len())?)?;
@@ -113,7 +113,7 @@ impl Incoming for Envelope {
 }
 
 impl Incoming for Command {
-    /// The `id`, with which to refuse the command as unreadable.
+    /// The `id`, which the refusal of an unreadable command needs.
     type Salvage = u16;
 
     fn salvage(payload: &[u8]) -> Option<u16> {
@@ -130,7 +130,7 @@ pub fn peek_hello_version(payload: &[u8]) -> Option<u16> {
     }
 }
 
-/// Result of a [`Receiver`] for the bytes.
+/// Event that a [`Receiver`] finds in the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received<T: Incoming> {
     /// An intact message.
@@ -139,7 +139,7 @@ pub enum Received<T: Incoming> {
     Corrupt,
     /// A body longer than any message; everything up to the next delimiter is dropped.
     Overlong,
-    /// An intact body whose payload is not, or not exactly, a message of ours: the other side has other types.
+    /// An intact body whose payload is no message of this version: the other side has other types.
     Unreadable(Option<T::Salvage>),
 }
 
@@ -208,12 +208,12 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         event
     }
 
-    /// Takes a chunk and yields its events. Bytes beyond the last event requested are not taken: exhaust it.
+    /// Takes a chunk and yields its events. Exhaust the iterator: bytes after the last event that was requested are not taken.
     pub fn feed<'a>(&'a mut self, chunk: &'a [u8]) -> impl Iterator<Item = Received<T>> + 'a {
         let mut unread = chunk;
         core::iter::from_fn(move || {
             while !unread.is_empty() {
-                // Up to a delimiter as many bytes at once as there is room for, then one that makes an event or not.
+                // Copies the bytes before the next delimiter at once, as far as they fit, then handles one byte by itself.
                 let (ordinary, _) = memchr::memchr(0, unread)
                     .and_then(|zero| unread.split_at_checked(zero))
                     .unwrap_or((unread, &[]));
@@ -235,7 +235,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         self.body.extend_from_slice(fits).map_or(0, |()| fits.len())
     }
 
-    /// Reads the body, which is complete: checksum first, then the message, of which nothing may be left over.
+    /// Reads the complete body: first the checksum, then the message, which must fill the payload exactly.
     #[inline]
     fn open(&mut self) -> Received<T> {
         let plain = corncobs::decode_in_place(&mut self.body).ok().and_then(|length| self.body.get(..length));

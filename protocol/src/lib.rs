@@ -87,29 +87,29 @@
 //! | 8 | [`Safety`] | on request; while telemetry is on when it changes, and once a second |
 //! | 9 | [`Description`] | on request |
 //!
-//! What each request is refused with in each state, the remedy of each refusal and fault, and what has changed from version to
-//! version are in `protocol/spec/protocol.md`, beside the schema and the test vectors for other languages.
+//! `protocol/spec/protocol.md` lists the refusals of each request in each state, the remedy of each refusal and fault, and the
+//! changes from version to version. The schema and the test vectors for other languages are beside it.
 //!
 //! # Rules
 //!
-//! * **Handshake.** The host sends a hello first, always; the device never assumes one. The version is at a place that no
-//!   version of the protocol moves, so that two versions can detect that they differ ([`peek_hello_version`]). With
-//!   equal [`VERSION`] the [`schema_hash`] of all types must be equal too, or nothing further is sent.
+//! * **Handshake.** The host sends a hello first, always; the device never assumes one. The version has the same place in every
+//!   version of the protocol, so that two versions can detect that they differ ([`peek_hello_version`]). With equal [`VERSION`]
+//!   the [`schema_hash`] of all types must be equal too, or nothing further is sent.
 //! * **Commands are carried out once.** The host waits for `Ack` or `Refused` with the id of its command and sends the same
 //!   frame again when none comes; the device gives a repeat the answer it gave before and does nothing. Ids only grow within a
 //!   connection: a used one whose answer is forgotten, or that comes with another request, is refused. `Stop` and `Hello` are carried out
 //!   each time. One command is under way at a time.
-//! * **Connections.** A command without a valid token is refused (`Hello` and `Stop` excepted), so that nothing meant for the
-//!   state before a restart, and no frame from an earlier connection, happens after it. An envelope of another boot informs the host of
-//!   the restart.
-//! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; the next one is one more. A jump forward by less than
-//!   2³¹ is that many frames lost, less one; the same number is a duplicate, one from behind is late, and neither is used
+//! * **Connections.** A command without a valid token is refused (`Hello` and `Stop` excepted), so that no command for the
+//!   state before a restart, and no frame from an earlier connection, takes effect after it. An envelope of another boot
+//!   informs the host of the restart.
+//! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; the next one is one more. A jump forward by n (less
+//!   than 2³¹) means that n - 1 frames are lost. The same number is a duplicate, an earlier number is late, and neither is used
 //!   ([`SequenceTracker`]).
 //! * **Time.** Device microseconds since boot, in 64 bits. A batch has the time of its first sample; the others follow at
 //!   `Hello::sample_period_us`. A gap in the times means lost samples, on either side; those that the device itself
 //!   had to drop are counted in `Samples::dropped`.
-//! * **Silence.** While a program is pending or running the device has to receive from the host: any intact command will do.
-//!   After `silence_ms` without one it latches a fault and switches the bridges off.
+//! * **Silence.** While a program is pending or running, accepted commands of the connection that started it are keepalives.
+//!   After `silence_ms` without one the device latches a fault and switches the bridges off.
 //! * **Nothing from the device is sent again.** What may be lost is repeated in later state: every batch has state and step,
 //!   `Status` has state, fault and counters, so that a host that missed an event still finds the end of a program.
 //! * **Change.** Variants are appended, never inserted; any other change of a type raises [`VERSION`]. Either changes the
@@ -118,8 +118,8 @@
 //! # Samples are packed
 //!
 //! A sample is four numbers of 32 bits, a thousand times a second: as plain integers 16 bytes. A batch ([`Packer`], at most
-//! [`MAX_SAMPLES`]) gives each channel as many bits a reading as its readings, or their differences, need above the least of
-//! them. With position noise of 3 counts and force noise of 100 counts a sample takes
+//! [`MAX_SAMPLES`]) stores, for each channel, the readings or their differences less the smallest of them, in as few bits as
+//! the largest of these needs. With position noise of 3 counts and force noise of 100 counts a sample takes
 //!
 //! | | bytes |
 //! |---|---|

@@ -1,21 +1,22 @@
 //! Samples in and out of batches.
 //!
-//! A sample is four numbers: position x, position y, force x, force y, each an `i32` count. In [`Samples::packed`] each of these
-//! channels has as many bits a reading as its readings of this batch need, at any absolute value:
+//! A sample is four numbers: position x, position y, force x, force y, each an `i32` count. In [`Samples::packed`] a channel
+//! has a fixed number of bits per reading, which depends on the spread of its readings in the batch and not on their absolute
+//! value:
 //!
 //! | in this order | bytes | what |
 //! |---|---|---|
 //! | four heads, one per channel | 2 to 11 each | |
 //! | &nbsp; width | 1 | bits of each reading, 0 to 32; 128 more where differences are written |
-//! | &nbsp; base | 1 to 5 | a postcard `i32` (zigzag varint): what is added to each |
-//! | &nbsp; start | 0, or 1 to 5 | a postcard `i32`, of differences only: what the first is added to |
+//! | &nbsp; base | 1 to 5 | a postcard `i32` (zigzag varint): base that is added to every reading |
+//! | &nbsp; start | 0, or 1 to 5 | a postcard `i32`, for differences only: value to which the first difference is added |
 //! | the samples | | each the four readings' bits, the lowest first, without gaps; zeros fill the last byte |
 //!
-//! A reading is the value of its bits plus the base or, of differences, plus the base and the reading before (wrapping). The packer
-//! takes for each channel what is shorter: readings where there is only noise, differences where the guide moves or the force
-//! rises. With position noise of 3 counts and force noise of 100 counts (standard deviations) a sample takes 3.7 bytes packed and
-//! 4.6 bytes on the line, its share of the frame (27 bytes for 32 samples) included, against 16 bytes as plain integers. A test
-//! holds the code to these numbers.
+//! A reading is the value of its bits plus the base. Where differences are written, the reading before is added too (wrapping).
+//! The packer writes each channel in the shorter form: readings while there is only noise, differences while the guide moves or
+//! the force rises. With position noise of 3 counts and force noise of 100 counts (standard deviations) a sample takes 3.7
+//! bytes packed and 4.6 bytes on the line, its share of the frame (27 bytes for 32 samples) included, against 16 bytes as plain
+//! integers. A test holds the code to these numbers.
 
 mod column;
 
@@ -24,7 +25,7 @@ use crate::{PACKED_BYTES, Packed, Samples, State, Step};
 use column::{CHANNELS, Column, MAX_HEAD, Reader, Spread, Writer};
 use postcard::experimental::max_size::MaxSize;
 
-/// Most samples in a batch.
+/// Largest number of samples in a batch.
 pub const MAX_SAMPLES: u8 = 32;
 
 // Two samples always fit, so that one push closes at most one batch.
@@ -37,7 +38,7 @@ pub struct Sample {
     pub position_counts: [i32; 2],
     /// Force relative to the tare, in counts of `Scales::force_nn_per_count`.
     pub force_counts: [i32; 2],
-    /// There was no valid reading of the force (missing, or a saturated converter): it is the one before.
+    /// There was no valid reading of the force (missing, or a saturated converter), and the fields repeat the reading before.
     pub repeats_force: bool,
 }
 
@@ -77,9 +78,9 @@ impl Packer {
         Self { period_us, open: None }
     }
 
-    /// Adds a sample and returns the batch that is complete by that, if any: the one before it, where this sample does not
-    /// continue it (another state, step or dropped count, not exactly one period later) or does not fit into it, or the one that
-    /// it fills.
+    /// Adds a sample and returns the batch that it completes, if any. A sample completes the batch that it fills, and the batch
+    /// so far if it does not fit into that or does not continue it (another state, step or dropped count, or not exactly one
+    /// period later).
     ///
     /// `t_us` is the scheduled time of the sample: a batch holds one time only, and a time that jitters would open a new
     /// batch with every sample.
@@ -97,7 +98,7 @@ impl Packer {
         if !continues {
             let finished_batch = self.flush();
             let mut samples = heapless::Vec::new();
-            // There is room for one.
+            // An empty batch has room for one sample.
             let _ = samples.push(sample);
             let spreads = sample.channels().map(Spread::of);
             self.open = Some(Open { t_us, dropped, state, step, samples, last: sample, spreads });
@@ -106,7 +107,7 @@ impl Packer {
         if self.open.as_ref().is_some_and(|open| open.samples.is_full()) { self.flush() } else { None }
     }
 
-    /// The batch begun, if any: to bound the delay when samples are slow, or when they end.
+    /// The unfinished batch, if any. The caller bounds the delay by it when samples are slow or end.
     pub fn flush(&mut self) -> Option<Samples> {
         self.open.take().map(|open| open.close())
     }
@@ -131,7 +132,7 @@ impl Open {
         }
         let count = self.count() + 1;
         let fits = |bits: usize| bits.div_ceil(8) <= PACKED_BYTES;
-        // Mostly there is room for more than they could take.
+        // The upper bound is cheap and nearly always suffices; only otherwise the exact size is computed.
         let fits = fits(spreads.iter().map(|spread| spread.most_bits(count)).sum())
             || fits(spreads.iter().map(|spread| spread.column(count).bits(count)).sum());
         if !fits || self.samples.push(sample).is_err() {
@@ -175,7 +176,7 @@ pub enum UnpackError {
         /// The channel, from 0.
         channel: u8,
     },
-    /// The heads give how many bytes the samples take.
+    /// The number of bytes is not the one that the heads require.
     #[error("the samples have {found} bytes where their widths need {expected}")]
     Length {
         /// Number of bytes that these samples take.
@@ -186,7 +187,7 @@ pub enum UnpackError {
 }
 
 impl Samples {
-    /// The samples with their device times, once it is sure that the packed bytes are exactly `count` samples.
+    /// The samples with their device times. It is checked first that the packed bytes are exactly `count` samples.
     pub fn unpack(&self, period_us: u32) -> Result<Unpacked<'_>, UnpackError> {
         if self.count == 0 {
             return Err(UnpackError::Empty);

@@ -1,31 +1,30 @@
-//! Whether a rig can have the constants of a calibration: what the device requires of a record before it moves anything by it, and
-//! the host before it sends one.
+//! Plausibility of a calibration. The device checks a record before it moves anything by it, and the host before it sends one.
 //!
-//! The interlocks compare with newtons and micrometres, so that a slip of a unit in the calibration would switch them off. The
-//! bounds are physical and narrower than any slip by a factor of ten:
+//! The interlocks compare with newtons and micrometres, so that a wrong unit in the calibration would disable them. The bounds
+//! are physical and exclude every error by a factor of ten:
 //!
 //! * A bridge gives 0.75 to 3.7 mV/V at its rated range. At 2.5 V of excitation and a full scale of 9.375 mV the converter's full
 //!   scale is then 1 to 5 times the rated range ([`FULL_SCALE_TIMES`]).
 //! * The cross-talk of a two-axis cell is a few percent of its gain; with at most a third ([`CROSS_TALK_SHARE`]) no load on
 //!   the cell can hide from both axes.
-//! * An actuator of 50 mm stroke over the 4096 codes makes 6.25 mm between two knots. Its potentiometer may be trimmed or of a
-//!   neighbouring stroke ([`KNOT_STEP_UM`]), but not by ten times.
+//! * An actuator of 50 mm stroke over the 4096 codes makes 6.25 mm between two knots. The bounds ([`KNOT_STEP_UM`]) admit a
+//!   trimmed potentiometer and one of a neighbouring stroke.
 //!
-//! An error that a record cannot show (a sign, swapped wires) shows in the first tenths of a millimetre:
+//! An error that no record reveals (a sign, swapped wires) is detected in the first tenths of a millimetre of motion:
 //! [`crate::Fault::WrongWay`].
 
 use crate::{CODES_PER_KNOT, CalibrationRecord, KNOTS, PotentiometerTable};
 
-/// Least and most that the force at the converter's full scale may be, times the rated range.
+/// Smallest and largest force at the converter's full scale, as multiples of the rated range.
 pub const FULL_SCALE_TIMES: [u64; 2] = [1, 5];
-/// Most that cross-talk may be: the gain over this.
+/// Divisor of the gain that gives the largest cross-talk.
 pub const CROSS_TALK_SHARE: u64 = 3;
-/// Least and most change of the position from one knot to the next, micrometres.
+/// Smallest and largest change of the position from one knot to the next, micrometres.
 pub const KNOT_STEP_UM: [u16; 2] = [2_500, 12_500];
-/// Most that the two directions of a table differ, micrometres: play is a fraction of a millimetre, and a table of another
-/// potentiometer in one direction is far more than this.
+/// Largest difference of the two directions of a table, micrometres. Play is a fraction of a millimetre; the tables of two
+/// different potentiometers differ by far more than this bound.
 pub const PLAY_LIMIT_UM: u16 = 2_000;
-/// Most that a rated range may be, millinewtons: beyond it force counts could leave 32 bits.
+/// Largest rated range, millinewtons: beyond it force counts could exceed 32 bits.
 pub const FORCE_RANGE_LIMIT_MN: u32 = 100_000;
 /// Greatest code of the potentiometers' converter.
 pub const POTENTIOMETER_CODE_MAX: u16 = 4_095;
@@ -62,7 +61,7 @@ pub enum Implausible {
         /// Number of the axis.
         axis: u8,
     },
-    /// The position changes by less or more from knot to knot than any actuator's.
+    /// The change of the position between two knots is one that no actuator has.
     #[error(
         "the position of axis {axis} changes by {step_um} um over {CODES_PER_KNOT} codes, expected {} to {} um: wrong unit?",
         KNOT_STEP_UM[0],
@@ -110,10 +109,10 @@ pub enum Implausible {
 }
 
 impl CalibrationRecord {
-    /// Whether a rig can have these constants.
+    /// Checks that a rig can have these constants.
     ///
     /// # Errors
-    /// [`Implausible`] for the first that no rig has.
+    /// [`Implausible`] for the first constant that no rig has.
     pub fn check(&self) -> Result<(), Implausible> {
         if self.id.as_str().is_empty() {
             return Err(Implausible::Id);

@@ -8,8 +8,8 @@ use postcard_schema::{
 };
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// Most bytes of packed samples in one batch: as many as keep a whole frame below 254 bytes, so that byte stuffing costs
-/// one byte and never more.
+/// Largest size of the packed samples of a batch, bytes. With it a whole frame has fewer than 254 bytes, so that byte stuffing
+/// always costs one byte.
 pub const PACKED_BYTES: usize = 211;
 
 /// Bytes of the varint that holds a length up to `capacity`.

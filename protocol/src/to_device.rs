@@ -28,7 +28,7 @@ use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// Most steps a motion program can have.
+/// Largest number of steps of a motion program.
 pub const MAX_STEPS: usize = 64;
 
 /// One request with its identity.
@@ -69,7 +69,7 @@ pub enum Request {
     Run {
         /// Number of steps, at least 1.
         steps: u8,
-        /// [`crate::program_crc`] of these steps: the device runs what the host meant or nothing.
+        /// [`crate::program_crc`] of these steps: the device runs the program that the host meant, or nothing.
         crc: u32,
         /// Device time at which to start, microseconds; 0 means now. A time in the past is refused, and one more than
         /// [`START_LIMIT_US`] ahead.
@@ -85,30 +85,30 @@ pub enum Request {
         /// Largest force along either axis, millinewtons: 1 to the sensor's rated range. It holds relative to the tare and, so that
         /// no sequence of tares moves it, from the calibration's zero as well.
         force_mn: u32,
-        /// Longest time without an intact command while a program is pending or running, milliseconds: see
+        /// Longest time without an accepted command of the connection that started the program, milliseconds: see
         /// [`SILENCE_LIMIT_MS`].
         silence_ms: u32,
     },
     /// Take one piece of an encoded calibration record.
     LoadCalibration {
-        /// Number of the piece, from 0; the record's byte is this times [`PIECE_BYTES`].
+        /// Number of the piece, from 0. The piece begins at this number times [`PIECE_BYTES`] in the record.
         piece: u8,
         /// The bytes; those beyond the record's end do not matter.
         bytes: [u8; PIECE_BYTES],
     },
     /// Keep the loaded calibration and restart with it. Refused while a program is pending or running, and while a fault is
-    /// latched that a calibration cannot be the cause of ([`crate::Fault::may_come_of_calibration`]).
+    /// latched that no calibration can cause ([`crate::Fault::may_come_of_calibration`]).
     StoreCalibration {
         /// Bytes of the record.
         length: u8,
-        /// [`crate::calibration_crc`] of them: the device keeps what the host meant or nothing.
+        /// [`crate::calibration_crc`] of these bytes: the device keeps the record that the host meant, or nothing.
         crc: u32,
     },
     /// Request for the calibration in use.
     Calibration,
-    /// Move guide 2 out of a load while the fault that the load has caused stands: by a vector of at most
-    /// [`RETREAT_LIMIT_UM`] along each axis, slowly. The device stops as soon as the force does not fall. Accepted only in the faults
-    /// of [`crate::Fault::allows_retreat`].
+    /// Unload guide 2 while the fault that the load has caused is latched: a slow motion of at most [`RETREAT_LIMIT_UM`] along
+    /// each axis. The device stops as soon as the force does not fall. Accepted only in the faults of
+    /// [`crate::Fault::allows_retreat`].
     Retreat {
         /// Displacement along x, micrometres.
         x_um: i32,
@@ -135,21 +135,21 @@ pub enum Request {
     },
 }
 
-/// Most that one [`Request::Retreat`] moves guide 2 along each axis, micrometres.
+/// Largest motion of guide 2 along each axis in one [`Request::Retreat`], micrometres.
 pub const RETREAT_LIMIT_UM: i32 = 1_000;
 /// Longest [`Request::Pulse`], milliseconds.
 pub const PULSE_LIMIT_MS: u8 = 50;
-/// Greatest duty of a [`Request::Pulse`], thousandths: in its longest time no actuator of the series moves by more than
-/// [`PULSE_BOUND_UM`], whatever is wired wrong.
+/// Greatest duty of a [`Request::Pulse`], thousandths: in the longest pulse no actuator of the series moves by more than
+/// [`PULSE_BOUND_UM`], whichever wires are swapped.
 pub const PULSE_DUTY_LIMIT_PERMILLE: u16 = 350;
 /// Largest motion of one [`Request::Pulse`], micrometres.
 pub const PULSE_BOUND_UM: i32 = 300;
-/// Change of force along either channel that ends the drive of a [`Request::Pulse`], millinewtons. The motor moves by 86 um after it at most,
-/// so that the change stays below 1 N on up to [`PULSE_STIFFNESS_N_PER_MM`].
+/// Change of force along either channel that ends the drive of a [`Request::Pulse`], millinewtons. The motor then moves by
+/// another 86 um at most, so that the change stays below 1 N on up to [`PULSE_STIFFNESS_N_PER_MM`].
 pub const PULSE_FORCE_MN: u32 = 300;
 /// Stiffness of tissue and needle up to which a [`Request::Pulse`] changes no force by more than 1 N, newtons per millimetre.
 pub const PULSE_STIFFNESS_N_PER_MM: u32 = 8;
-/// Most that the start of a program may lie ahead, microseconds.
+/// Longest time between a request and the start of its program, microseconds.
 pub const START_LIMIT_US: u64 = 3_600_000_000;
 /// Fastest path that a step may request, micrometres per second.
 pub const SPEED_LIMIT_UM_S: u32 = 10_000;
@@ -185,9 +185,9 @@ pub enum Step {
         /// Duration, milliseconds, above 0.
         duration_ms: u32,
     },
-    /// Move guide 2 at an even speed so that the setpoint arrives after this time; ends then, without waiting for the axes to
-    /// settle. As the last step of a program, and where it would carry the guide beyond its travel, the setpoint slows down at its
-    /// end; a last step ends when both axes have settled.
+    /// Move guide 2 at constant speed so that the setpoint arrives after this time. The step ends then, without waiting for the
+    /// axes to settle. In the last step of a program, and near the end of the travel, the setpoint slows down before it
+    /// arrives; a last step ends when both axes have settled.
     Ramp {
         /// Target along x, micrometres.
         x_um: i32,

@@ -25,7 +25,7 @@ pub struct Envelope {
 pub enum Message {
     /// Answer to `Request::Hello`.
     Hello(Hello),
-    /// The command was carried out, or had been already.
+    /// The command was carried out, now or when it came the first time.
     Ack {
         /// Id of the command.
         id: u16,
@@ -85,7 +85,7 @@ pub struct Hello {
     pub last_panic: Option<Text<PANIC_BYTES>>,
 }
 
-/// Most bytes of a panic that are reported.
+/// Largest number of bytes of a panic that are reported.
 pub const PANIC_BYTES: usize = 88;
 
 /// Value of one count of each channel, and the channels' ranges.
@@ -95,7 +95,7 @@ pub struct Scales {
     pub position_nm_per_count: u32,
     /// Nanonewtons per force count.
     pub force_nn_per_count: u32,
-    /// Guide 2 can be sent this far from its straight-needle position along each axis, micrometres.
+    /// Largest distance of guide 2 from its straight-needle position along each axis, micrometres.
     pub travel_um: u32,
     /// Rated range of each force channel, millinewtons.
     pub force_range_mn: u32,
@@ -142,7 +142,7 @@ pub enum Refusal {
     CauseRemains,
     /// The command could not be decoded, though its frame was intact: versions differ.
     Unreadable,
-    /// The loaded calibration is not the one that was meant (checksum), or no rig has such constants
+    /// The checksum of the loaded calibration is not the one that the host announced, or no rig has such constants
     /// ([`crate::Implausible`]).
     CalibrationInvalid,
     /// The id has been used in this connection: by another command, or so long ago that its answer is forgotten.
@@ -170,15 +170,15 @@ pub enum Fault {
     MoveTimeout,
     /// 5: the force from the tare, or that from the calibration's zero, exceeds the limit that is set.
     ForceLimit,
-    /// 6: an axis is beyond its travel and was driven further out.
+    /// 6: an axis is beyond its travel and is driven, or moves, further out.
     Travel,
     /// 7: an axis is driven and does not move.
     Stall,
-    /// 8: an axis is further from its setpoint than it can be.
+    /// 8: an axis is further from its setpoint than any sound axis.
     FollowingError,
     /// 9: the force converter's codes repeat each other, as no real readings do.
     ForceStuck,
-    /// 10: the host that started a program sent no accepted command for too long while it was pending or running.
+    /// 10: a program was pending or running, and the host that started it sent no accepted command for too long.
     HostSilent,
     /// 11: the device restarted by itself: watchdog, supply, or a panic, which the hello reports.
     Restarted,
@@ -218,12 +218,12 @@ impl Fault {
         Self::ALL.get(usize::from(number)).copied()
     }
 
-    /// `Request::Retreat` removes the cause of this fault: its cause stays as long as the guide stays where it is.
+    /// Whether `Request::Retreat` is the recovery from this fault: its cause lasts as long as the guide stays in place.
     pub const fn allows_retreat(self) -> bool {
         matches!(self, Self::ForceRange | Self::ForceLimit | Self::Travel)
     }
 
-    /// A wrong calibration can be the cause of this fault, so that storing another one can remove it.
+    /// Whether a wrong calibration can cause this fault, so that storing another one can remove the cause.
     pub const fn may_come_of_calibration(self) -> bool {
         matches!(
             self,
@@ -266,8 +266,8 @@ pub struct Samples {
     pub count: u8,
     /// The samples, in as few bits as they need: see [`crate::pack`].
     pub packed: Packed,
-    /// A bit for each sample, the first one lowest: there was no valid reading of the force, and it is the one before. Not there up to
-    /// version 5.
+    /// One bit for each sample, that of the first sample lowest. It is set where the sample repeats an earlier force because
+    /// there was no valid reading. Versions up to 5 lack this field.
     pub repeats_force: u32,
 }
 
@@ -305,7 +305,7 @@ pub enum EventKind {
         /// Fault.
         fault: Fault,
     },
-    /// A tare was rejected: the zero is the one from before.
+    /// A tare was rejected; the zero is unchanged.
     TareRejected {
         /// Result of the tare.
         tare: Tare,
@@ -330,20 +330,21 @@ pub struct PulseReport {
     pub outcome: PulseOutcome,
     /// Duration of the drive, milliseconds.
     pub driven_ms: u8,
-    /// Position of x and y at rest after it less that before, means of 20 readings each, position counts.
+    /// Change of the rest position of x and y by the pulse, position counts: mean of 20 readings after it less that of 20
+    /// readings before.
     pub moved_counts: [i32; 2],
-    /// Furthest reading of x and y from the position before, position counts.
+    /// Largest deviation of a reading of x and y from the position before the pulse, position counts.
     pub most_moved_counts: [i32; 2],
-    /// Force of x and y at rest after it less that before, force counts.
+    /// Change of the force of x and y by the pulse, at rest, force counts.
     pub force_counts: [i32; 2],
-    /// Furthest reading of x and y from the force before, force counts.
+    /// Largest deviation of a reading of x and y from the force before the pulse, force counts.
     pub most_force_counts: [i32; 2],
 }
 
 /// Reason for the end of a pulse's drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum PulseOutcome {
-    /// Its time was over.
+    /// The requested duration was over.
     Completed,
     /// The axis had moved far enough.
     Reached,
@@ -360,13 +361,13 @@ pub enum PulseOutcome {
 pub enum TareProblem {
     /// The zero would lie further from the calibration's zero than [`TARE_ZERO_PERCENT`] of the rated range: the needle is loaded.
     FarFromZero,
-    /// The force has changed by more than [`TARE_CHANGE_PERCENT`] of the rated range meanwhile: it still settles.
+    /// The force changed by more than [`TARE_CHANGE_PERCENT`] of the rated range during the tare: it is still settling.
     Settling,
 }
 
-/// Furthest that a tare may move the zero from that of the calibration, percent of the rated range.
+/// Largest distance of a tare's zero from that of the calibration, percent of the rated range.
 pub const TARE_ZERO_PERCENT: u32 = 20;
-/// Most that the force may change during a tare, percent of the rated range.
+/// Largest change of the force during a tare, percent of the rated range.
 pub const TARE_CHANGE_PERCENT: u32 = 1;
 
 /// Outcome of a retreat.
@@ -385,15 +386,15 @@ pub enum RetreatOutcome {
 /// Result of a tare: the readings that are zero from now on, and how good they were.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Tare {
-    /// Mean of x and y before, in force counts from the converter's own zero.
+    /// Mean force of x and y, from now on the zero, in force counts from the converter's own zero.
     pub zero_counts: [i32; 2],
     /// Standard deviation of a single reading of x and y about the drift, in force counts.
     pub sd_counts: [u32; 2],
     /// Drift of x and y: slope of a straight line through the readings, in force counts per second.
     pub drift_counts_per_s: [i32; 2],
-    /// Control periods that it lasted.
+    /// Duration, control periods.
     pub periods: u32,
-    /// Valid readings among them.
+    /// Number of control periods with a valid reading.
     pub readings: u32,
     /// Different codes that the converter gave on channel 0 and 1; [`UNIQUE_CODES`] stands for that many or more.
     pub unique_codes: [u8; 2],

@@ -41,9 +41,9 @@ pub enum Order {
 pub struct Arrival {
     /// Its place in the order.
     pub order: Order,
-    /// Frames that were sent between the one before and this one, and did not arrive. After a restart: since that.
+    /// Number of frames that were sent since the envelope before (after a restart: since the restart) and did not arrive.
     pub frames_missing: u32,
-    /// Samples that the device reports as dropped since the batch before.
+    /// Number of samples that the device reports as dropped since the batch before.
     pub samples_dropped: u32,
     /// Samples that are missing in time between the batch before and this one, for any reason: lost with a frame,
     /// dropped by the device, or not taken.

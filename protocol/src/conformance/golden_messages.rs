@@ -1,4 +1,4 @@
-//! The messages from the device of which the golden bytes are.
+//! Messages from the device, one for each entry of the golden bytes.
 
 use super::envelope;
 use crate::{

@@ -121,7 +121,7 @@ fn sandwiches_of<T: Incoming + PartialEq, const N: usize>(
     })
 }
 
-/// Sandwiches both ways, with every golden frame spoilt.
+/// Receives a good frame, a damaged golden frame and a good frame, for every golden frame of both directions.
 fn sandwiches(spoil: Spoil<'_>, cost: Losses) -> Verdict {
     let mut buffer = BUFFER;
     let message = command(Request::Stop);
@@ -151,7 +151,7 @@ pub(super) fn good_truncated_good() -> Verdict {
     for missing in 2..16 {
         sandwiches(&|_, length| length.saturating_sub(missing).max(2), CORRUPT)?;
     }
-    // Without its closing delimiter a frame is whole all the same: the next opening one ends it. Distinguished in `gives`.
+    // A frame that lacks its closing delimiter is still complete, as the opening delimiter of the next frame ends it.
     let mut buffer = BUFFER;
     let message = command(Request::Stop);
     let length = encode_command(&message, &mut buffer).map_err(|_| "a command was not encoded")?.len();
@@ -184,7 +184,7 @@ pub(super) fn good_overlong_good() -> Verdict {
     sandwiches(&overlong, OVERLONG)
 }
 
-/// A receiver that begins again where its buffer is full would take the end of these for a frame.
+/// A receiver that restarted where its buffer is full would take the tails of these bodies for frames.
 fn valid_tails<T: Incoming, const N: usize>(golden: &[Golden<T>]) -> Verdict {
     golden.iter().try_for_each(|Golden { frame, .. }| {
         let mut valid = BUFFER;
@@ -235,7 +235,7 @@ fn payload<'a>(message: &impl serde::Serialize, buffer: &'a mut Buffer) -> Resul
     postcard::to_slice(message, buffer).map(|bytes| &*bytes).map_err(|_| "a payload was not encoded")
 }
 
-/// Feeds an intact payload that must not decode, and returns what was saved of it.
+/// Feeds an intact payload that must not decode, and returns the part of it that was readable.
 fn unreadable<T: Incoming, const N: usize>(payload: &[u8]) -> Result<Option<T::Salvage>, &'static str> {
     let mut frame = BUFFER;
     let length = sealed(payload, &mut frame)?;

@@ -21,7 +21,7 @@ use std::{format, fs, println};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/spec");
 
-/// A file is what is regenerated, or is written where that is requested.
+/// Compares a file with its regenerated content, or writes it where `NEEDLE_GUIDE_WRITE_SPEC` is set.
 fn is_current(name: &str, made: &str) {
     let path = format!("{FOLDER}/{name}");
     if std::env::var_os("NEEDLE_GUIDE_WRITE_SPEC").is_some() {
@@ -43,7 +43,7 @@ fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A type by its name; what it consists of goes into the list of all types.
+/// Describes a type by its name, and adds its fields to the list of all types.
 fn describe(ty: &NamedType, all: &mut Map<String, Value>) -> Value {
     let of = |kind: &str, content: Value| json!({ kind: content });
     match ty.ty {

@@ -11,15 +11,15 @@ const DIFFERENCES: u8 = 0x80;
 /// Most bits of a reading.
 const MAX_WIDTH: u8 = 32;
 
-/// Encoding of one channel of a batch: every reading, or every difference from the one before, as what it has more than
-/// the least of them (`base`), in `width` bits.
+/// Encoding of one channel of a batch: every reading, or every difference from the reading before, less the smallest of them
+/// (`base`), in `width` bits.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Column {
     /// Bits of each reading, at most 32.
     pub width: u8,
     /// Base that is added to each reading.
     pub base: i32,
-    /// For differences: what the first is added to.
+    /// For differences: value to which the first difference is added.
     pub start: Option<i32>,
 }
 
@@ -53,7 +53,7 @@ impl Column {
         8 * head + usize::from(count) * usize::from(self.width)
     }
 
-    /// To write or to read the readings, in their order.
+    /// State that encodes or decodes the readings in their order.
     pub fn readings(&self) -> Readings {
         let keep = if self.start.is_some() { !0 } else { 0 };
         Readings { width: self.width, keep, base: self.base, last: self.start.unwrap_or_default() }
@@ -63,7 +63,7 @@ impl Column {
 /// The readings of a column, one after the other.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Readings {
-    /// Bits of each.
+    /// Bits of a reading.
     pub width: u8,
     /// All ones where differences are written.
     keep: i32,
@@ -72,7 +72,7 @@ pub(super) struct Readings {
 }
 
 impl Readings {
-    /// Code of the next reading; less than 2 to the power of the width.
+    /// Encodes the next reading; the code is less than 2 to the power of the width.
     #[inline]
     pub fn written(&mut self, reading: i32) -> u32 {
         let predicted = (self.last & self.keep).wrapping_add(self.base);
@@ -80,7 +80,7 @@ impl Readings {
         reading.wrapping_sub(predicted) as u32
     }
 
-    /// The next reading, for which this was written.
+    /// Decodes the next reading.
     #[inline]
     pub fn read(&mut self, written: u32) -> i32 {
         self.last = (self.last & self.keep).wrapping_add(self.base).wrapping_add(written as i32);
@@ -121,7 +121,7 @@ impl Range {
 pub(super) struct Spread {
     first: i32,
     readings: Range,
-    /// None of a single reading.
+    /// `None` while there is a single reading.
     differences: Option<Range>,
 }
 
@@ -131,7 +131,7 @@ impl Spread {
         Self { first: reading, readings: Range::of(reading), differences: None }
     }
 
-    /// With one more, which comes after `last`.
+    /// The ranges with one more reading, which follows `last`.
     pub fn with(&self, last: i32, reading: i32) -> Self {
         let difference = reading.wrapping_sub(last);
         Self {
@@ -141,16 +141,16 @@ impl Spread {
         }
     }
 
-    /// Bits that `count` of them take at most.
+    /// Upper bound of the bits of `count` readings.
     pub fn most_bits(&self, count: u8) -> usize {
         8 * (1 + MAX_NUMBER) + usize::from(count) * usize::from(self.readings.width())
     }
 
-    /// The shorter way to write `count` of them: as they are, or as differences.
+    /// The shorter encoding of `count` readings: as they are, or as differences.
     pub fn column(&self, count: u8) -> Column {
         let plain = Column { width: self.readings.width(), base: self.readings.least, start: None };
         let Some(range) = self.differences else { return plain };
-        // The first of them is the least difference more than the start, and so a zero.
+        // With this start the first difference is the smallest one, so that its code is zero.
         let start = self.first.wrapping_sub(range.least);
         let differences = Column { width: range.width(), base: range.least, start: Some(start) };
         if differences.bits(count) < plain.bits(count) { differences } else { plain }
@@ -184,7 +184,7 @@ impl<'a> Writer<'a> {
         bytes.iter().for_each(|byte| self.byte(*byte));
     }
 
-    /// Adds the lowest `width` bits of a number that has no others.
+    /// Adds a number of at most `width` bits.
     pub fn bits(&mut self, number: u32, width: u8) {
         self.bits |= u64::from(number) << self.filled;
         self.filled += u32::from(width);
@@ -195,7 +195,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// Fills the last byte with zeros and gives all, if it fitted.
+    /// Fills the last byte with zeros and returns all bytes, if they fitted.
     pub fn end(mut self) -> Option<&'a [u8]> {
         if self.filled > 0 {
             self.byte(self.bits as u8);
@@ -204,10 +204,10 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Bits that [`bits`] has of any place: of the 64 of a word, up to seven come before it.
+/// Bits that [`bits`] returns from any position: up to seven of the 64 bits of a word lie before the position.
 pub(super) const MAX_AT_ONCE: u32 = u64::BITS - 7;
 
-/// The bits from bit `at` on, [`MAX_AT_ONCE`] and some; beyond the end there are zeros.
+/// At least [`MAX_AT_ONCE`] bits from bit `at` on; zeros beyond the end.
 #[inline]
 pub(super) fn bits(bytes: &[u8], at: usize) -> u64 {
     let tail = bytes.get(at / 8..).unwrap_or_default();
@@ -219,18 +219,18 @@ pub(super) fn bits(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(word) >> (at % 8)
 }
 
-/// A column's bits in every sample, one sample after the other.
+/// Reads one column from consecutive samples.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reader {
-    /// Bits of the sample before its own.
+    /// Offset of the column in a sample, bits.
     shift: u32,
-    /// As many ones as it has bits.
+    /// Mask with as many ones as the column has bits.
     mask: u32,
     readings: Readings,
 }
 
 impl Reader {
-    /// Writers of columns in their order.
+    /// Readers of the columns, in their order.
     pub fn of(columns: &[Column; CHANNELS]) -> [Self; CHANNELS] {
         let mut shift = 0;
         columns.map(|column| {
@@ -241,13 +241,13 @@ impl Reader {
         })
     }
 
-    /// The next reading, where all bits of the sample are at hand.
+    /// The next reading, from all bits of its sample.
     #[inline]
     pub fn of_sample(&mut self, bits: u64) -> i32 {
         self.readings.read((bits >> self.shift) as u32 & self.mask)
     }
 
-    /// The same where they are not: the sample begins at bit `at`.
+    /// The next reading, from a sample that is longer than a word and begins at bit `at`.
     #[inline]
     pub fn at(&mut self, bytes: &[u8], at: usize) -> i32 {
         self.readings.read(bits(bytes, at + self.shift as usize) as u32 & self.mask)
