@@ -9,8 +9,8 @@
 //!
 //! Commands go to the control task through [`COMMANDS`], everything it sends goes to the send task through [`OUTBOX`], in
 //! order. The control task never waits for either: when the link is slow, whole batches of samples are dropped and counted
-//! ([`control::telemetry`]). It feeds the watchdog in every period, and only while every background task has shown
-//! within [`CHECK_IN_LIMIT_PERIODS`] that it runs, so that no task can hang unnoticed.
+//! ([`control::telemetry`]). It feeds the watchdog in every period in which the latest check-in of every background task is at
+//! most [`CHECK_IN_LIMIT_PERIODS`] old, so that no task can hang unnoticed.
 
 mod link;
 
@@ -30,23 +30,22 @@ use embassy_time::{Duration, Instant, Timer, with_timeout};
 use protocol::{CalibrationRecord, Command, Counters, EventKind, Load};
 use static_cell::StaticCell;
 
-/// Entries of the outbox: half a second of batches, and some for notes.
+/// Entries of the outbox: half a second of batches, and some for answers and events.
 const OUTBOX_PLACES: usize = 24;
 const PERIOD: Duration = Duration::from_micros(PERIOD_US as u64);
-/// Time of every period that is reserved for the background tasks: three times what they take where a host asks all
-/// the time.
+/// Time of every period that is reserved for the background tasks: three times their need while a host sends requests without a
+/// pause.
 const RESERVED: Duration = Duration::from_micros(200);
-/// Longest interval after which a background task shows that it runs.
+/// Longest interval between two check-ins of a background task.
 const CHECK_IN: Duration = Duration::from_millis(25);
-/// Longest time since the last background task showed that it runs for which the watchdog is fed,
-/// periods.
+/// Greatest age of a background task's latest check-in at which the watchdog is still fed, periods.
 pub const CHECK_IN_LIMIT_PERIODS: u32 = 100;
 
 static COMMANDS: Channel<CriticalSectionRawMutex, Command, 4> = Channel::new();
 static OUTBOX: Channel<CriticalSectionRawMutex, Item, OUTBOX_PLACES> = Channel::new();
 /// A calibration to restart with.
 static RESTART: Signal<CriticalSectionRawMutex, CalibrationRecord> = Signal::new();
-/// Counters of the receive task; the others are zero.
+/// Counters of the receive task; its other counters are zero.
 static RECEIVE_COUNTERS: Mutex<CriticalSectionRawMutex, Cell<Counters>> = Mutex::new(Cell::new(NO_COUNTERS));
 const NO_COUNTERS: Counters = Counters {
     samples_dropped: 0,
@@ -63,11 +62,11 @@ const NO_COUNTERS: Counters = Counters {
     force_saturated: 0,
     faults: 0,
 };
-/// Microseconds in which nothing was to be done, since they were last taken.
+/// Idle time since it was last read, microseconds.
 static IDLE_US: AtomicU32 = AtomicU32::new(0);
-/// Bytes of the stack that have never been used.
+/// Number of bytes of the stack that were never used.
 static STACK_FREE_BYTES: AtomicU32 = AtomicU32::new(0);
-/// Background tasks that have run since the control task last checked.
+/// Background tasks that have checked in since the control task last looked.
 static CHECKED_IN: AtomicU8 = AtomicU8::new(0);
 
 /// A background task, by the bit with which it checks in.
@@ -132,9 +131,9 @@ pub fn start(board: Board) {
     background.spawn(link::send(sending, boot, calibration).expect(once));
 }
 
-/// Sleeps until there is something to do, and counts the time; what thread mode does.
+/// Runs in thread mode: sleeps until an interrupt comes, and counts the idle time.
 pub fn idle() {
-    // With interrupts masked the core wakes up for one but does not yet serve it, so that its time is not taken for idle.
+    // With interrupts masked an interrupt wakes the core but is not served yet, so that its time does not count as idle.
     cortex_m::interrupt::free(|_| {
         let sleep_start = Instant::now();
         #[cfg(not(feature = "qemu"))]
@@ -146,14 +145,14 @@ pub fn idle() {
     });
 }
 
-/// Reads the registers back, measures the stack now and then, and restarts the device with a calibration that has come.
+/// Reads the registers back, measures the stack now and then, and restarts the device with a new calibration.
 #[embassy_executor::task]
 async fn housekeep(is_blind: bool) {
     const STACK_EVERY: u32 = 40;
-    /// When the registers are read back: everything runs, and a host has been answered, so that it gets to know of the panic of the
-    /// start before.
+    /// Time after the start at which the registers are read back: everything runs by then, and a host has had an answer that
+    /// reports the previous panic.
     const REGISTERS_AT: u32 = 10;
-    /// Time for the answer to leave.
+    /// Time in which the answer is sent.
     const ANSWER_TIME: Duration = Duration::from_millis(100);
     let mut round = 0_u32;
     let mut verified = false;
@@ -162,7 +161,7 @@ async fn housekeep(is_blind: bool) {
         round = (round + 1) % STACK_EVERY;
         if round == REGISTERS_AT && !verified {
             verified = true;
-            // Those of a converter that is not read have no value.
+            // The registers of a converter that is not read have no required value.
             if !is_blind {
                 board::verify_registers();
             }
@@ -180,7 +179,7 @@ async fn housekeep(is_blind: bool) {
     }
 }
 
-/// The queue in the form that the telemetry uses.
+/// The outbox as the queue of the telemetry.
 struct Queue;
 
 impl Outbox for Queue {
@@ -200,9 +199,9 @@ struct Meter {
 }
 
 impl Meter {
-    /// A period has begun so late and taken so long.
+    /// Takes the delay and the duration of a period.
     fn period(&mut self, late: Duration, worked: Duration) {
-        // The clock's step is added: what is less than a microsecond longer must not appear shorter.
+        // A microsecond is added, as the clock rounds down and a duration must not be reported shorter than it was.
         let ceil_us = |duration: Duration| u16::try_from(duration.as_micros() + 1).unwrap_or(u16::MAX);
         let load = &mut self.load;
         load.longest_period_us = load.longest_period_us.max(ceil_us(worked));
@@ -242,7 +241,7 @@ async fn control(
         // Periods that can no longer be caught up are skipped; the host finds the gap in the sample
         // times.
         due += PERIOD * (late.as_micros() / u64::from(PERIOD_US)) as u32;
-        // One that was left out, because that before it took too long, is late too.
+        // A period that was skipped, because the one before took too long, counts as late too.
         late = late.max(PERIOD * u32::from(core::mem::take(&mut left_out)));
 
         let received = RECEIVE_COUNTERS.lock(Cell::get);
@@ -283,7 +282,8 @@ async fn control(
             RESTART.signal(record);
         }
         meter.period(late, began.elapsed());
-        // Control that takes all the time there is would leave a host without an answer, and the watchdog without its food.
+        // Without a reserve, control periods that take too long would starve the background tasks: no host would be answered,
+        // and the watchdog would not be fed.
         let late_us = (Instant::now().saturating_duration_since(due) + RESERVED).as_micros();
         left_out = late_us > u64::from(PERIOD_US);
         due += PERIOD * (late_us / u64::from(PERIOD_US)) as u32;

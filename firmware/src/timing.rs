@@ -1,8 +1,8 @@
-//! The control core on the target: what a control period costs, in instructions, over everything it can be made to do.
+//! Instructions of a control period on the target, over all states and requests.
 //!
 //! Controller and telemetry run against a small plant of two actuators on springs. A host sends every request there is, in turn
 //! and at random times, programs of every kind of step among them; sensors fail now and then, and faults are cleared again. The
-//! sum over a period is what runs in the control interrupt without the drivers, which in QEMU are not what they are on the board.
+//! count includes everything in the control interrupt except the drivers, which differ between QEMU and the board.
 #![no_std]
 #![no_main]
 
@@ -193,7 +193,7 @@ fn main() -> ! {
             }
         }
         if outputs.store.is_some() {
-            // It starts again, as the device does.
+            // The host starts again, as the device does.
             controller = Controller::new(Calibration::default(), Start::ordinary(BOOT));
             host.greets = true;
         }

@@ -1,4 +1,5 @@
-//! The online estimator on the target: runs over a recorded stream in QEMU, logs every estimate and what an update costs.
+//! The online estimator on the target, in QEMU: runs over a recorded stream, and logs every estimate and the instructions of
+//! every update.
 //!
 //! The recording `stream.bin` holds, in single precision: length and moving mass of the needle; wave number, frequency and four
 //! factors of each of five modes; then samples of time, depth, base, force and tip, in SI units.

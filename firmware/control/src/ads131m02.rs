@@ -6,8 +6,8 @@
 //! CRC-16/CCITT over the three words before it, in the upper 16 bits of the fourth. The SPI device is driven in 16-bit
 //! words (six per frame), mode 1, most significant bit first.
 //!
-//! A sample is never a plausible number when something is wrong: every doubt is a [`ForceFault`]. A device that resets by
-//! itself (brown-out) falls back to gain 1 and reports it in its status until MODE is written, so the fault persists until
+//! An invalid sample is never returned as a number: every failed check is a [`ForceFault`]. A device that resets by itself
+//! (brown-out) falls back to gain 1 and reports it in its status until MODE is written, so the fault persists until
 //! [`Ads131m02::configure`] succeeds.
 //!
 //! At 4 kSPS and one read per millisecond each read finds new samples. The device buffers two samples per channel, so
@@ -22,7 +22,7 @@ pub const FRAME_WORDS: usize = 6;
 /// Bytes per frame.
 pub const FRAME_BYTES: usize = 2 * FRAME_WORDS;
 
-/// CRC of the frames, CCITT with all ones as its start.
+/// CRC of the frames: CCITT, with all ones as initial value.
 pub const FRAME_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
 /// Commands (datasheet 8.5.1.10).
@@ -64,7 +64,7 @@ pub const CLOCK_VALUE: u16 = 0x030E;
 /// GAIN: 128 on both channels.
 pub const GAIN_VALUE: u16 = 0x0077;
 
-/// Greatest code; at it or at its opposite the input is out of range.
+/// Largest code. A reading of this code or of the least code is out of range.
 const CODE_MAX: i32 = 0x7F_FFFF;
 /// Least code.
 const CODE_MIN: i32 = -0x80_0000;
@@ -111,7 +111,7 @@ impl ForceFault {
 pub enum InitError {
     /// A frame failed.
     Frame(ForceFault),
-    /// The device did not acknowledge its reset but answered this.
+    /// The device answered its reset with this word instead of the acknowledgement.
     Reset(u16),
     /// The device is of another type, with this identification.
     Identification(u16),
@@ -200,7 +200,7 @@ impl<S: SpiDevice<u16>> Ads131m02<S> {
         Ok(self.exchange(command::NULL, 0)?.response)
     }
 
-    /// One frame: sends a command and its argument, returns what came back if its CRC is right.
+    /// One frame: sends a command and its argument, and returns the response if its CRC is right.
     fn exchange(&mut self, command: u16, argument: u16) -> Result<Frame, ForceFault> {
         // Words of 24 bits, the value in the upper 16: `CC CC 00 AA AA 00 ...`.
         let mut words = [command, argument >> 8, argument << 8, 0, 0, 0];

@@ -2,12 +2,12 @@
 //!
 //! The setpoint's speed is fed forward, the position error is fed back (proportional and integral). A brushed gear motor does
 //! not turn below a certain duty, so every wanted speed is mapped to a duty beyond that dead band. Once the setpoint stands
-//! still and the error is within [`SETTLE_UM`], the drive brakes; where the axis then comes to rest further off, it is sent on a
-//! few times. From then on the drive stays off until the error exceeds [`REENGAGE_ERROR_UM`]: the screw holds by itself, and a drive that
-//! keeps chasing potentiometer noise only wears it out.
+//! still and the error is within [`SETTLE_UM`], the drive brakes; if the axis then comes to rest further away, it approaches
+//! again a few times. From then on the drive stays off until the error exceeds [`REENGAGE_ERROR_UM`]: the screw holds by
+//! itself, and a drive that follows the noise of the potentiometer only wears it out.
 //!
-//! The axis also keeps which way it has moved last ([`Axis::rising`]): the calibration has a table for each way, and goes
-//! from one to the other over [`PLAY_PERIODS`] of driving, so that the position never jumps.
+//! The axis also keeps the direction of its last motion ([`Axis::rising`]). The calibration has a table for each direction and
+//! changes from one to the other over [`PLAY_PERIODS`] of driving, so that the position never jumps.
 
 use super::PERIOD_S;
 use super::limits::{JUMP_UM, Outliers};
@@ -18,32 +18,32 @@ pub const FULL_SPEED_UM_S: f32 = 20_000.0;
 pub const DEAD_BAND: f32 = 0.18;
 /// Error within which the axis counts as arrived, micrometres.
 pub const SETTLE_UM: f32 = 15.0;
-/// Error beyond which a resting axis drives again, micrometres: twice the noise of the filtered reading beyond [`SETTLE_UM`].
+/// Error beyond which a resting axis drives again, micrometres: [`SETTLE_UM`] and twice the noise of the filtered reading.
 pub const REENGAGE_ERROR_UM: f32 = 45.0;
-/// Time of rest before the axis counts as settled, periods: it has stopped and the filter has caught up long before.
+/// Time of rest before the axis counts as settled, periods: much longer than the axis takes to stop and the filter to follow.
 const SETTLE_PERIODS: u16 = 100;
-/// Number of times an axis that came to rest beyond [`SETTLE_UM`] is sent on. After that within [`REENGAGE_ERROR_UM`]
-/// has to do.
+/// Number of further approaches of an axis that came to rest beyond [`SETTLE_UM`]. After them an error within
+/// [`REENGAGE_ERROR_UM`] counts as settled.
 const APPROACHES: u8 = 4;
 
 /// Share of the new reading in the filtered position: a time constant of 8 periods.
 const FILTER_SHARE: f32 = 0.125;
 const PROPORTIONAL_PER_S: f32 = 12.0;
 const INTEGRAL_PER_S2: f32 = 60.0;
-/// Most that the integral may command, micrometres per second: enough for a dead band that is larger than assumed.
+/// Limit of the integral term, micrometres per second: enough for a dead band that is larger than assumed.
 const INTEGRAL_LIMIT_UM_S: f32 = 3_000.0;
 
-/// Fastest that the loop commands, micrometres per second: the actuator's speed with nothing to push.
+/// Largest speed that the loop commands, micrometres per second: the actuator's speed without a load.
 pub const SPEED_LIMIT_UM_S: f32 = FULL_SPEED_UM_S;
-/// Fastest until the axis has been observed to move the way it is driven, micrometres per second: a wrong way is noticed within
-/// 0.3 mm. Its duty is just beyond the one at which an axis that stands is a stalled one.
+/// Largest speed until the axis has been observed to move in its driven direction, micrometres per second: a wrong direction is
+/// detected within 0.3 mm. The duty is just above the one beyond which an axis at rest counts as stalled.
 pub const PROVING_SPEED_UM_S: f32 = 4_400.0;
-/// Driving in one direction that takes up the play between screw and potentiometer, periods.
+/// Duration of drive in one direction that takes up the play between screw and potentiometer, periods.
 pub const PLAY_PERIODS: u16 = 20;
 
 /// Motion within [`STILL_PERIODS`] below which an axis is at rest, micrometres: above the noise of a potentiometer, and 2 mm/s.
 const STILL_UM: f32 = 100.0;
-/// Periods for which an axis has not moved before it is at rest.
+/// Periods without motion after which an axis is at rest.
 pub const STILL_PERIODS: u16 = 50;
 
 /// Target position of an axis, and the speed of its setpoint.
@@ -70,12 +70,12 @@ pub struct Axis {
     speed_limit_um_s: f32,
     /// Position of the axis when it had last moved, micrometres.
     anchor_um: f32,
-    /// Periods for which it has been near there and was not driven.
+    /// Number of periods for which it has stayed near that position without drive.
     still_periods: u16,
 }
 
 impl Axis {
-    /// An axis that may still roll on: what it did before the start is unknown.
+    /// An axis that may still coast, as its motion before the start is unknown.
     #[expect(clippy::new_without_default, reason = "`Axis::new()` is clearer at its only use")]
     pub fn new() -> Self {
         Self {
@@ -119,12 +119,12 @@ impl Axis {
         expected_um
     }
 
-    /// The motor was driven in this period: it may roll on for several lags, however little it has moved so far.
+    /// Notes that the motor was driven in this period: it may coast for several lags, however little it has moved so far.
     pub fn drives(&mut self) {
         self.still_periods = 0;
     }
 
-    /// The axis does not move: for [`STILL_PERIODS`] not by [`STILL_UM`], and not driven.
+    /// Whether the axis is at rest: not driven, and moved by less than [`STILL_UM`] for [`STILL_PERIODS`].
     pub fn is_still(&self) -> bool {
         self.still_periods >= STILL_PERIODS
     }
@@ -150,17 +150,17 @@ impl Axis {
         self.duty
     }
 
-    /// The drive has been off long enough at the setpoint.
+    /// Whether the drive has been off long enough at the setpoint.
     pub fn is_settled(&self) -> bool {
         self.quiet_periods >= SETTLE_PERIODS
     }
 
-    /// The axis has rolled on after braking and stands where the error is not within [`SETTLE_UM`].
+    /// Whether the axis has coasted after braking and has come to rest further than [`SETTLE_UM`] from the setpoint.
     fn stopped_off_target(&self) -> bool {
         self.quiet_periods == SETTLE_PERIODS - 1 && self.approaches < APPROACHES
     }
 
-    /// The axis moves the way it is driven: from now on it may go as fast as it can.
+    /// Notes that the axis moves in its driven direction, which lifts the limit of its speed.
     pub fn prove(&mut self) {
         self.speed_limit_um_s = SPEED_LIMIT_UM_S;
     }

@@ -30,7 +30,7 @@ impl Calibration {
     /// converter with a full scale of 1.2 V / 128 for 2^23 codes.
     pub fn nominal_record() -> CalibrationRecord {
         const STROKE_UM: i32 = 50_000;
-        /// 1.2 V / 128 / 2^23 per code, times 5 N per 5 mV.
+        /// A code is 1.2 V / 128 / 2^23, and 5 mV are 5 N.
         const PN_PER_CODE: i32 = 1_117_587;
         let mut position_um = [0; KNOTS];
         for (knot, um) in (0..).zip(&mut position_um) {
@@ -61,7 +61,7 @@ impl Calibration {
         Ok(Self { record, force_counts_per_code })
     }
 
-    /// The record these come from.
+    /// The record from which these constants come.
     pub fn record(&self) -> &CalibrationRecord {
         &self.record
     }
@@ -85,7 +85,7 @@ impl Calibration {
         [table_x.on_track(code_x), table_y.on_track(code_y)]
     }
 
-    /// Guide 2 may be sent this far from zero along each axis, micrometres.
+    /// Largest distance of guide 2 from zero along each axis, micrometres.
     pub fn travel_um(&self) -> u32 {
         self.record.travel_um
     }

@@ -1,13 +1,12 @@
-//! Decides which commands are carried out: each once, and none meant for the device as it was
-//! before.
+//! Decides which commands are carried out: each command once, and none that was sent before a restart.
 //!
 //! A hello begins a connection: the device answers with a token that every command of it carries, and ids only grow within it.
 //! The host repeats a command when no answer came; the answers to the latest commands are kept with their requests, so that
-//! a repeat gets the same answer and changes nothing. A frame from before (recorded, delayed, repeated by a faulty line) has a
-//! token that is forgotten or an id that is used, and does nothing, however often it comes.
+//! a repeat gets the same answer and changes nothing. An old frame (recorded, delayed, or repeated by a faulty line) has a
+//! forgotten token or a used id, and has no effect, however often it arrives.
 //!
-//! The tokens of a few connections stay valid, the least recently used one is forgotten: a stray hello does not end the
-//! connection of the program that is at work.
+//! The tokens of a few connections stay valid, and the least recently used one is forgotten, so that a stray hello does not end
+//! the connection of the program that is at work.
 
 use super::mutation::Mutation;
 use heapless::HistoryBuf;
@@ -16,16 +15,16 @@ use protocol::{Command, Refusal, Request};
 /// Number of answers that are remembered. A host has one command under way at a time; this leaves room for a late
 /// repeat.
 pub const MAX_STORED_ANSWERS: usize = 8;
-/// Connections whose tokens are valid at a time.
+/// Number of connections whose tokens are valid at the same time.
 pub const CONNECTIONS: usize = 4;
-/// Between the tokens of two connections: odd, so that they differ through all 2^32, and with many bits set.
+/// Difference between the tokens of two connections: odd, so that all 2^32 tokens differ, and with many bits set.
 const TOKEN_STEP: u32 = 0x9E37_79B9;
-/// Connections of one start with tokens of their own; the tokens of later ones are those of the first again.
+/// Number of connections of one start that have different tokens. After them the tokens repeat from the first.
 pub const TOKENS: u32 = 1 << 12;
 
-/// Identity of a start of a chip, and what the tokens of its connections are counted from. The tokens of two starts of a chip are different
-/// while their counts differ by less than 2^20: a start has a block of [`TOKENS`] numbers, and multiplication by an odd number keeps
-/// different numbers different.
+/// Identity of a start of a chip; the tokens of its connections are counted from it. Two starts of a chip have different tokens
+/// while their counts differ by less than 2^20, because each start has a block of [`TOKENS`] numbers, and multiplication by an
+/// odd number maps different numbers to different ones.
 pub const fn first_token(chip: u32, start: u32) -> u32 {
     chip.wrapping_add(start.wrapping_mul(TOKENS).wrapping_mul(TOKEN_STEP))
 }
@@ -35,11 +34,11 @@ type Answer = Result<(), Refusal>;
 /// Decision about a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Admission {
-    /// Carry it out.
+    /// The command is new: carry it out.
     New,
-    /// It was carried out before, with this answer.
+    /// The command was carried out before, with this answer.
     Repeat(Answer),
-    /// It is not carried out.
+    /// The command is refused.
     Refused(Refusal),
 }
 
@@ -57,7 +56,7 @@ struct Connection {
     /// Greatest id so far.
     last_id: Option<u16>,
     answered: HistoryBuf<Answered, MAX_STORED_ANSWERS>,
-    /// When it was last used, by the count of commands.
+    /// Count of commands when it was last used.
     used: u32,
 }
 
@@ -77,7 +76,7 @@ impl CommandSession {
         Self { connections: heapless::Vec::new(), boot_id, latest: 0, commands: 0 }
     }
 
-    /// Begins a connection; its token.
+    /// Begins a connection and returns its token.
     pub fn begin(&mut self) -> u32 {
         self.latest = self.latest % (TOKENS - 1) + 1;
         self.commands = self.commands.wrapping_add(1);
@@ -96,7 +95,7 @@ impl CommandSession {
 
     /// Decides on a command.
     pub fn admit(&mut self, command: &Command) -> Admission {
-        // A hello begins again. Stopping twice is harmless, and not stopping is not: both are always carried out.
+        // A hello begins a new connection, and a repeated stop is harmless: both are always carried out.
         if matches!(command.request, Request::Hello | Request::Stop) {
             return Admission::New;
         }

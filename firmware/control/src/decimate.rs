@@ -1,7 +1,7 @@
 //! A decimating filter: two running means in a row (a cascaded integrator-comb filter of second order), exact in integers.
 //!
-//! Every `R`-th period it gives the sum of the last `2 R - 1` values under a triangle of weights 1, 2, .. `R`, .. 2, 1; the
-//! weights add up to `R²` ([`Decimator::GAIN`]).
+//! Every `R`-th period it returns the sum of the last `2 R - 1` values with the triangular weights 1, 2, .. `R`, .. 2, 1, which
+//! add up to `R²` ([`Decimator::GAIN`]).
 //!
 //! | property | value | for R = 10 |
 //! |---|---|---|
@@ -9,7 +9,7 @@
 //! | gain of white noise ([`Decimator::noise_gain`]) | `sqrt((2 R² + 1) / (3 R³))` | 0.259 |
 //! | zeros of the response | multiples of `1 / R` of the rate in | 100 Hz, 200 Hz, .. at 1 kHz |
 //!
-//! Values are added with wrap-around, which is exact as long as the sum that comes out fits 32 bits: values up to `2^31 / R²`.
+//! Values are added with wrap-around, which is exact as long as the output fits 32 bits: for values up to `2^31 / R²`.
 
 /// The filter of one channel.
 #[derive(Debug, Clone)]
@@ -22,9 +22,9 @@ pub struct Decimator<const R: i32> {
 }
 
 impl<const R: i32> Decimator<R> {
-    /// Periods by which what comes out lags behind what goes in.
+    /// Delay of the output, periods.
     pub const DELAY_PERIODS: i32 = R - 1;
-    /// The output is the weighted mean times this.
+    /// Ratio of the output to the weighted mean.
     pub const GAIN: i32 = R * R;
 
     /// An empty filter.
@@ -39,7 +39,7 @@ impl<const R: i32> Decimator<R> {
         libm::sqrtf((2.0 * r * r + 1.0) / (3.0 * r * r * r))
     }
 
-    /// Takes one value; every `R`-th time the window's weighted sum comes out, once the window is full.
+    /// Takes one value. Returns the weighted sum of the window every `R`-th time, once the window is full.
     pub fn push(&mut self, value: i32) -> Option<i32> {
         let [first, second] = self.sums;
         let first = first.wrapping_add(value);

@@ -1,4 +1,4 @@
-//! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
+//! Force from converter codes: calibration, zero, and the treatment of missing and impossible readings.
 
 use super::limits::{
     FORCE_READINGS, JUMP_PERCENT, LatestTwo, Outliers, REMEMBERED_CODES, REPEATED_CODES, Recent,
@@ -18,12 +18,12 @@ pub struct ForceChannel {
     accepted_counts: [i32; 2],
     /// Codes of the latest readings, the newest first.
     codes: [[i32; 2]; REMEMBERED_CODES],
-    /// This period has a reading, and it continues those before it.
+    /// This period has a reading that is no jump from those before it.
     is_fresh: bool,
     is_accepted: bool,
     missing: Recent,
     saturated: LatestTwo,
-    /// Missing, or the same as one of the latest on either channel.
+    /// Readings that are missing, or repeat one of the latest on either channel.
     doubtful: Recent,
     outliers: Outliers,
     counters: Counters,
@@ -52,11 +52,11 @@ impl ForceChannel {
         }
     }
 
-    /// Takes this period's reading; returns force relative to the tare, in force counts. A period without a valid reading
-    /// repeats the last one, is counted, and is no evidence of a load.
+    /// Takes this period's reading; returns force relative to the tare, in force counts. A period without a valid reading is
+    /// counted, returns the force of the last valid one, and is no evidence of a load.
     pub fn update(&mut self, calibration: &Calibration, reading: &Result<[i32; 2], ForceFault>) -> [i32; 2] {
         let is_saturated = matches!(reading, Err(ForceFault::Saturated { .. }));
-        // A saturated converter gives no valid reading either, and is a load.
+        // A saturated converter gives no valid reading, and is evidence of a load.
         let is_missing = reading.is_err() && !is_saturated;
         let is_repeated = reading.as_ref().is_ok_and(|codes| self.repeats(*codes));
         self.saturated.note(is_saturated, FORCE_READINGS);
@@ -85,7 +85,7 @@ impl ForceChannel {
         self.relative_counts()
     }
 
-    /// A channel reads what it has read before, to the last bit: of a converter with noise of many codes that is rare.
+    /// Whether a channel repeats an earlier reading to the last bit, which is rare for a converter with noise of many codes.
     fn repeats(&self, codes: [i32; 2]) -> bool {
         let same = |code: i32, before: i32| code.saturating_sub(before).saturating_abs() <= REPEATED_CODES;
         self.codes
@@ -123,22 +123,22 @@ impl ForceChannel {
         self.is_fresh
     }
 
-    /// It has one that continues those before it.
+    /// Whether this period has a reading that is no jump from those before it.
     pub fn is_accepted(&self) -> bool {
         self.is_accepted
     }
 
-    /// Readings among the latest that were missing.
+    /// Number of missing readings among the latest.
     pub fn missing(&self) -> u32 {
         self.missing.count()
     }
 
-    /// The converter was saturated in two of the latest readings.
+    /// Whether the converter was saturated in two of the latest readings.
     pub fn is_saturated(&self) -> bool {
         self.saturated.are_within(FORCE_READINGS)
     }
 
-    /// Readings among the latest that were missing or repeated.
+    /// Number of missing or repeated readings among the latest.
     pub fn doubtful(&self) -> u32 {
         self.doubtful.count()
     }
@@ -148,7 +148,7 @@ impl ForceChannel {
         &self.counters
     }
 
-    /// Force from the converter's own zero, in force counts: what the range limit is about.
+    /// Force from the converter's own zero, in force counts, which the range limit is compared with.
     pub fn absolute_counts(&self) -> [i32; 2] {
         self.latest_counts
     }
@@ -158,7 +158,7 @@ impl ForceChannel {
         self.taring = Taring::default();
     }
 
-    /// Adds this period to the tare; a repeated reading is none.
+    /// Adds this period to the tare. A repeated reading counts as missing.
     pub fn tare_on(&mut self) {
         if self.is_accepted {
             self.taring.add(self.relative_counts(), self.codes[0]);
@@ -170,7 +170,7 @@ impl ForceChannel {
     /// Makes the tare's mean the zero and reports its quality.
     ///
     /// # Errors
-    /// What is wrong with it: the zero stays what it was.
+    /// The problem of the tare; the zero is then unchanged.
     pub fn finish_tare(&mut self, range_mn: u32, periods_per_s: f64) -> Result<Tare, (Tare, TareProblem)> {
         let tare = self.taring.finish(self.zero_counts, periods_per_s);
         if let Some(problem) =

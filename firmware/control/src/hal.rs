@@ -8,7 +8,7 @@ pub use crate::ads131m02::ForceFault;
 pub struct Readings {
     /// Codes of the potentiometers of the X and Y actuators, 0 to 4095, ratiometric to their supply.
     pub potentiometer_codes: [u16; 2],
-    /// Codes of the lateral force channels X and Y, 24 bit signed, or why there are none.
+    /// Codes of the lateral force channels X and Y, 24 bit signed, or the fault that replaces them.
     pub force_codes: Result<[i32; 2], ForceFault>,
     /// The emergency-stop line is in its stop state (switch open or wire cut).
     pub emergency_stop: bool,
@@ -33,6 +33,6 @@ pub trait Actuators {
 pub trait Panel {
     /// Lights the status LED.
     fn led(&mut self, on: bool);
-    /// Puts the watchdog's reset off for one more period.
+    /// Feeds the watchdog, which postpones its reset by one period.
     fn feed_watchdog(&mut self);
 }

@@ -1,7 +1,7 @@
 //! The status light: breathes at rest, shines while a program runs, blinks fast in a fault.
 //!
-//! The only place where `micromath` is used: its trigonometry is a rough approximation, which an eye does not see. No
-//! measurement and no drive may depend on it.
+//! Only this module uses `micromath`: its trigonometry is a rough approximation, which the eye does not notice. No measurement
+//! and no drive may depend on it.
 
 use super::{PERIOD_S, PERIOD_US};
 use micromath::F32;
@@ -35,7 +35,8 @@ impl Indicator {
         }
     }
 
-    /// A brightness that swells and fades, given as a pulse density: the light is on whenever a whole pulse is owed.
+    /// A brightness that rises and falls, as a pulse density: the light is on whenever the accumulated brightness reaches a
+    /// whole pulse.
     fn breathe(&mut self) -> bool {
         self.phase += PERIOD_S / BREATH_S;
         if self.phase >= 1.0 {

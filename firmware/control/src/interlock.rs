@@ -1,4 +1,4 @@
-//! When to stop, and why: every cause is latched and stays until it is gone *and* cleared by command.
+//! Interlocks: every cause to stop is latched as a fault, which stays until the cause is gone *and* a command clears it.
 //!
 //! The safe state is bridges off: a lead screw is not driven back by its load, so the guide stays where it is. It is entered in
 //! the period in which a cause is detected. Detection takes as long as the table states, so that one outlying reading is not a fault.
@@ -7,7 +7,7 @@
 //!
 //! | no. | fault | hazard | detected by | within | test |
 //! |---|---|---|---|---|---|
-//! | 0 | `EmergencyStop` | someone needs it to stop; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
+//! | 0 | `EmergencyStop` | a person in danger; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
 //! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus); while driven, a force that jumps as no motion makes it | 8 readings; 2 that jump | `the_force_converter_falls_silent`, `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
 //! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 readings | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates`, `a_converter_that_saturates_in_every_second_reading_is_a_load`, `a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle`, `a_load_beyond_the_range_is_removed_by_a_retreat`, `hum_does_not_keep_a_load_beyond_the_range`, `a_calibration_that_no_rig_has_is_refused` |
 //! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes; one that repeats itself is `Stall` or `FollowingError` | 2 readings | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps`, `no_pattern_of_failing_potentiometers_lets_the_force_exceed_its_limit_or_is_shown` |
@@ -17,7 +17,7 @@
 //! | 7 | `Stall` | jam: motor and needle are overloaded | no motion for 200 ms at a duty that moves every unit | 200 periods of pushing | `a_jammed_axis_stalls` |
 //! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods of being that far | `a_weak_motor_falls_behind` |
 //! | 9 | `ForceStuck` | the converter repeats itself, or a channel is dead or drops to one value: force cannot be limited | one of the four codes before it, but for the last bit | 8 readings of 32 | `the_force_converter_is_stuck`, `the_force_converter_is_stuck_but_for_its_last_bit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
-//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no accepted command of the conversation that started the motion for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
+//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no accepted command of the connection that started the motion for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
 //! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `converters_that_stay_slow_or_hang_leave_a_device_that_answers`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_reported`, `a_stack_that_overflows_restarts_and_is_reported` |
 //! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late`, `converters_that_stay_slow_or_hang_leave_a_device_that_answers` |
 //! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out`, `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
@@ -25,13 +25,13 @@
 //! | 15 | `CalibrationLost` | the limits are those of another rig | a slot of the flash is neither sound nor erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_newer_calibration_that_is_damaged_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
 //!
 //! The recovery from each, and the test that carries it out, is in the protocol's chapter
-//! (`protocol/spec/protocol.md`). A fault survives every restart in which memory keeps its content. Ways in which an
-//! interlock could once be defeated, and the test of each: [`super::mutation`].
+//! (`protocol/spec/protocol.md`). A fault survives every restart in which memory keeps its content. [`super::mutation`] lists
+//! the ways in which an interlock could once be defeated, each with its test.
 //!
-//! The force overshoots its limit by what the motor moves until it stands: at full speed 0.32 mm (4 periods of reading, evidence and
-//! bridge, and the motor's lag), and 0.48 mm where a force channel fails in some of its readings, whichever they are. One fault cannot be
-//! seen in the readings: a force channel that was dead before it was loaded by a tenth of its range has only the noise of its converter,
-//! as it has with a needle in air. `guide bringup` finds it by its noise.
+//! The force overshoots its limit by the motion of the motor until it stops. At full speed that is 0.32 mm (4 periods for
+//! reading, evidence and bridge, then the motor's lag), and 0.48 mm where a force channel fails in any of its readings. The
+//! readings do not reveal one fault. A force channel that was dead before a tenth of its range loaded it shows the noise of its
+//! converter alone, like one with a needle in air. `guide bringup` finds it by its noise.
 //!
 //! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
 //! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
@@ -48,7 +48,7 @@ use protocol::Fault;
 
 /// Largest overshoot of a guide beyond its travel, micrometres.
 pub const TRAVEL_MARGIN_UM: f32 = 200.0;
-/// Distance from the filtered position that is motion and not noise, micrometres.
+/// Distance from the filtered position beyond which it is motion and not noise, micrometres.
 const OUTWARD_UM: f32 = 50.0;
 /// Periods over which late starts are counted.
 const LATE_WINDOW_PERIODS: u8 = 16;
@@ -58,12 +58,12 @@ const LATE_WINDOW_PERIODS: u8 = 16;
 pub struct Limits {
     /// Largest force along either axis, relative to the tare and from the calibration's zero, millinewtons.
     pub force_mn: u32,
-    /// Longest time without an accepted command of the host that has started a program, milliseconds.
+    /// Longest time without an accepted command of the connection that started the program, milliseconds.
     pub silence_ms: u32,
 }
 
 impl Limits {
-    /// Four fifths of the sensor's range, two seconds.
+    /// A force of four fifths of the sensor's range, and a silence of two seconds.
     pub fn of(calibration: &Calibration) -> Self {
         Self { force_mn: calibration.force_range_mn() / 5 * 4, silence_ms: 2_000 }
     }
@@ -82,19 +82,19 @@ pub struct Observed<'a> {
     pub duty: [f32; 2],
     /// A program is pending or running.
     pub active: bool,
-    /// Microseconds since the conversation that has started the motion was heard.
+    /// Time since the last accepted command of the connection that started the motion, microseconds.
     pub silent_us: u64,
-    /// This period began so much later than it was due that the one before is suspect.
+    /// Whether this period began late, because the one before took too long.
     pub late: bool,
     /// Record of how the motors were driven.
     pub watches: &'a [DriveWatch; 2],
     /// Remaining driving time of the motors.
     pub budgets: &'a [DutyBudget; 2],
-    /// The calibration was lost and that is not acknowledged.
+    /// The calibration was lost, and nobody has acknowledged that.
     pub calibration_lost: bool,
 }
 
-/// The causes to stop that exist in one period.
+/// Set of the causes to stop that exist in one period.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct StopCauses(u32);
 
@@ -114,7 +114,7 @@ const URGENCY: [Fault; Fault::ALL.len()] = [
     Fault::HostSilent,
     Fault::MotorHot,
     Fault::CalibrationLost,
-    // These are latched where they happen; nothing of them lasts.
+    // These causes are momentary; they are latched where they occur.
     Fault::MoveTimeout,
     Fault::Restarted,
 ];
@@ -124,28 +124,28 @@ impl StopCauses {
         self.0 |= u32::from(present) << fault as u8;
     }
 
-    /// This one is there.
+    /// Whether this cause exists.
     pub fn has(self, fault: Fault) -> bool {
         self.0 >> fault as u8 & 1 != 0
     }
 
-    /// The most urgent.
+    /// The most urgent cause.
     pub fn first(self) -> Option<Fault> {
         URGENCY.into_iter().find(|fault| self.has(*fault))
     }
 
-    /// Those that a retreat leads out of.
+    /// The causes that a retreat removes.
     pub fn load(self) -> bool {
         Fault::ALL.into_iter().any(|fault| fault.allows_retreat() && self.has(fault))
     }
 
-    /// One of the others.
+    /// A cause that no retreat removes.
     pub fn other_than_load(self) -> bool {
         Fault::ALL.into_iter().any(|fault| !fault.allows_retreat() && self.has(fault))
     }
 }
 
-/// The latch and the evidence before it.
+/// The latched fault, and the evidence that is counted before one is latched.
 #[derive(Debug)]
 pub struct Interlock {
     limits: Limits,
@@ -184,7 +184,7 @@ impl Interlock {
         self.limits
     }
 
-    /// Changes that. A force beyond the earlier limit is no evidence for this one.
+    /// Sets the limits. Evidence against the earlier force limit is discarded.
     pub fn set_limits(&mut self, limits: Limits) {
         self.limits = limits;
         self.over_limit = LatestTwo::default();
@@ -208,7 +208,7 @@ impl Interlock {
         }
     }
 
-    /// Opens the latch.
+    /// Clears the latched fault.
     pub fn clear(&mut self) {
         self.latched = None;
     }
@@ -220,7 +220,8 @@ impl Interlock {
         force: &ForceChannel,
         observed: &Observed<'_>,
     ) -> StopCauses {
-        // Each is noted in every period, independent of the others. A reading that is not there shows no load.
+        // Every kind of evidence is updated in every period, independent of the others. A missing reading is no evidence of a
+        // load.
         let beyond = |counts: [i32; 2], limit_mn: u32| {
             force.is_fresh()
                 && counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
@@ -228,14 +229,14 @@ impl Interlock {
         let over_range = self
             .over_range
             .note(beyond(force.absolute_counts(), calibration.force_range_mn()), FORCE_READINGS);
-        // From the calibration's zero too: independent of the tare, no more than the limit acts on the cell.
+        // The force from the calibration's zero is compared too, so that no tare lets more than the limit act on the cell.
         let over_limit = self.over_limit.note(
             beyond(force.relative_counts(), self.limits.force_mn)
                 || (beyond(force.absolute_counts(), self.limits.force_mn)
                     && !Mutation::LimitFromTare.is_out()),
             FORCE_READINGS,
         );
-        // At rest a hand may change the force as fast as it likes.
+        // At rest a hand may change the force at any rate, so that a jump is no fault.
         let driven = observed.duty.iter().any(|duty| *duty != 0.0);
         let contradicts = driven && force.is_fresh() && !force.is_accepted();
         let contradicted = self.contradicted.note(contradicts, FORCE_READINGS);
@@ -285,7 +286,7 @@ impl Interlock {
         causes
     }
 
-    /// True from the second late start among the last few.
+    /// Whether two of the last few periods began late.
     fn overruns(&mut self, late: bool) -> bool {
         self.late_window = self.late_window.saturating_sub(1);
         if self.late_window == 0 {

@@ -49,7 +49,7 @@
 #![cfg_attr(target_os = "none", no_std)]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
-// No input of a host or a sensor can make it panic.
+// No input from a host or a sensor can cause a panic.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)
@@ -111,7 +111,7 @@ pub const REPORT_PERIODS: u32 = 100_000 / PERIOD_US;
 /// Step index outside a program.
 pub const NO_STEP: u8 = u8::MAX;
 
-/// The whole control law.
+/// The controller with all of its state.
 #[derive(Debug)]
 pub struct Controller {
     calibration: Calibration,
@@ -126,7 +126,7 @@ pub struct Controller {
     conversation: CommandSession,
     indicator: Indicator,
     incoming: Incoming,
-    /// When the conversation that has started the motion was heard last, and its token.
+    /// Token of the connection that started the motion, and the time of its last accepted command.
     last_command_us: u64,
     mover: u32,
     control_overruns: u32,
@@ -138,11 +138,11 @@ pub struct Controller {
     calibration_lost: bool,
     load_meter: LoadMeter,
     load_watch: LoadWatch,
-    /// By how much the latest retreat moves, micrometres.
+    /// Displacement of the latest retreat, micrometres.
     retreat_by_um: [i32; 2],
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
-    /// Last reported values of these, and of fault and pulses.
+    /// Last reported state of the motors, the fault and the pulses.
     reported: Option<ReportedSafety>,
     kept: (Option<Fault>, NetDrive),
 }
@@ -257,7 +257,7 @@ impl Controller {
         }
     }
 
-    /// Takes the readings: the sample of this period, and the causes to stop.
+    /// Processes the readings into the sample of this period and the causes to stop.
     fn sense(&mut self, inputs: &Inputs, late: bool) -> (Sample, StopCauses) {
         let rising = self.axes.each_ref().map(Axis::rising);
         let position_um = self.calibration.position_um(inputs.readings.potentiometer_codes, rising);
@@ -289,7 +289,7 @@ impl Controller {
         (sample, causes)
     }
 
-    /// Runs the program for one period and the axes after it.
+    /// Advances the program by one period, then the position loops.
     fn advance(&mut self, now_us: u64, notes: &mut OutboundMessages) -> Drive {
         if self.interlock.latched().is_some() && self.executor.phase() != Phase::Retreating {
             return Drive::Release;
@@ -344,7 +344,7 @@ impl Controller {
         }
     }
 
-    /// Takes the zero of the tare that has ended. One that is no good ends the program; false then.
+    /// Applies the tare that has ended. Returns false for a rejected tare, which ends the program.
     fn finish_tare(&mut self, now_us: u64, index: u8, notes: &mut OutboundMessages) -> bool {
         let periods_per_s = f64::from(1_000_000 / PERIOD_US);
         match self.force.finish_tare(self.calibration.force_range_mn(), periods_per_s) {
@@ -365,7 +365,7 @@ impl Controller {
         }
     }
 
-    /// Updates the motors' watches and budgets with what was done.
+    /// Updates the motors' watches and budgets with this period's drive.
     fn watch(&mut self, drive: Drive) {
         let duty = match drive {
             Drive::Release => [0.0; 2],
@@ -376,7 +376,7 @@ impl Controller {
             None => [None; 2],
         };
         let positions_um = self.axes.each_ref().map(Axis::position_um);
-        // The pulse itself decides motor and direction; the motor's heat is checked all the same.
+        // The pulse decides motor and direction, but the motor's heat is checked in a pulse too.
         let judged = if self.pulser.is_active() { [0.0; 2] } else { duty };
         let drives = duty.into_iter().zip(judged).zip(positions_um).zip([setpoint_x, setpoint_y]);
         let keepers = self.watches.iter_mut().zip(&mut self.budgets);
@@ -420,7 +420,8 @@ fn event(t_us: u64, kind: EventKind) -> Event {
     Event { t_us, kind }
 }
 
-/// `OutboundMessages` holds the most that one period can send, so nothing is ever refused here; the longest period is covered by a test.
+/// `OutboundMessages` holds the largest number of messages of one period, so that nothing is refused here; a test covers the
+/// longest period.
 fn push(notes: &mut OutboundMessages, note: OutboundMessage) {
     let pushed = notes.push(note);
     debug_assert!(pushed.is_ok(), "more notes in one period than there is room for");

@@ -1,28 +1,30 @@
-//! Evidence that a fault requires: over the latest readings, not in runs of them. A loose contact gives a false
-//! reading now and then, and a rule that waits for two true ones in a row never sees them.
+//! Evidence that a fault requires, counted over the latest readings and not over consecutive ones. A loose contact gives a
+//! false reading now and then, so that a rule that waits for two true readings in a row may wait for ever.
 //!
 //! | evidence | a fault | so that |
 //! |---|---|---|
-//! | a force beyond a limit, saturated, or a jump of it that no motion makes | the second among the latest [`FORCE_READINGS`] | one outlying reading is none; true readings that come one by one, with a hundred false ones between them, show a load |
-//! | a position beyond the track or the travel, or a jump of it | the second among the latest [`WINDOW_READINGS`] | one outlying reading is none, nor is a wiper that crackles now and then |
-//! | a force that is missing, or repeated to the last bit | [`DOUBTFUL_READINGS`] of the latest [`WINDOW_READINGS`] | what is left of the readings shows a load in time |
+//! | a force that is beyond a limit, saturated, or jumps as no motion makes it | the second among the latest [`FORCE_READINGS`] | one outlier is no fault; single true readings with a hundred false ones between them reveal a load |
+//! | a position that is beyond the track or the travel, or jumps | the second among the latest [`WINDOW_READINGS`] | one outlier is no fault, nor is a wiper with a bad contact now and then |
+//! | a force that is missing, or repeated to the last bit | [`DOUBTFUL_READINGS`] of the latest [`WINDOW_READINGS`] | the remaining readings reveal a load in time |
 //!
 //! **Overshoot.** While nothing is latched, fewer than [`DOUBTFUL_READINGS`] of any [`WINDOW_READINGS`] readings are missing or
-//! repeated, and a first false one may pass as a reading. So of any [`LATEST_READINGS`] readings two are true, and a load beyond the
-//! limit is detected in the tenth at the latest, whichever readings fail; with sound sensors in the second. At full speed a motor
-//! moves 20 um in a period: with a period of sampling and one until the bridge is off that is 0.24 mm instead of 0.08 mm, and it rolls on
-//! by 0.24 mm (lag of 12 periods) in both cases. A motor whose gear has less friction rolls on further once its bridge is off (`host/manual/src/on-a-board.md` has
-//! the row in which that is measured), and the overshoot is larger by as much.
+//! repeated, and the first false one may pass as a reading. So any [`LATEST_READINGS`] readings contain two true ones. A load
+//! beyond the limit is detected in the tenth reading at the latest, whichever readings fail, and with sound sensors in the
+//! second. At full speed a motor moves 20 um in a period: with a period of sampling and one until the bridge is off that is
+//! 0.24 mm instead of 0.08 mm, and it then coasts by 0.24 mm (lag of 12 periods) in both cases. A motor whose gear has less
+//! friction coasts further once its bridge is off, and the overshoot grows by the same distance
+//! (`host/manual/src/on-a-board.md` has a row for its measurement).
 //!
-//! False readings that neither repeat nor jump are those of a sound channel without a load: a contact to a shorted input, with the noise of
-//! the converter. Then two readings have to be true, beyond the limit or a jump from the others: where one in `n` is, that takes `2 n`
-//! periods.
+//! False readings that neither repeat nor jump look like a sound channel without a load: the input is shorted now and then, and
+//! the channel shows the noise of the converter. A load is detected when two readings are true and beyond the limit, or jump
+//! from the others; where one reading in `n` is true, that takes `2 n` periods.
 //!
-//! **False faults.** Two spikes in the window are a fault: with `n` spikes an hour, `n * n * 128 / 3,600,000` false faults an hour, one in
-//! eight hours at one a minute. A code is repeated where it is within [`REPEATED_CODES`] of one of the [`REMEMBERED_CODES`] before it. The
-//! converter's own noise alone (0.4 uV at this gain and rate, 350 codes) does that to 1 % of the readings, so that eight of 32 come once
-//! in a hundred hours; that of a cell (5 mN, 5,400 codes) to 0.07 %, and never. Noise of 0.02 N with 0.1 N of hum changes a reading by
-//! 0.14 N (five standard deviations), and [`JUMP_PERCENT`] of a range of 5 N is 0.5 N: see there.
+//! **False faults.** Two spikes in the window are a fault: `n` spikes an hour cause `n * n * 128 / 3,600,000` false faults an
+//! hour. One spike a minute causes one false fault in eight hours. A code is repeated where it is within [`REPEATED_CODES`] of
+//! one of the [`REMEMBERED_CODES`] before it. With the converter's own noise alone (0.4 uV at this gain and rate, 350 codes) 1
+//! % of the readings count as repeated, and eight of 32 do so once in a hundred hours. With the noise of a cell (5 mN, 5,400
+//! codes) it is 0.07 %, and eight of 32 never occur. Noise of 0.02 N with 0.1 N of hum changes a reading by 0.14 N (five
+//! standard deviations), and a jump ([`JUMP_PERCENT`]) is 0.5 N on a range of 5 N.
 
 use super::mutation::Mutation;
 
@@ -30,24 +32,25 @@ use super::mutation::Mutation;
 pub const WINDOW_READINGS: u8 = 32;
 /// Readings over which evidence of a load is counted.
 pub const FORCE_READINGS: u8 = 128;
-/// Readings beyond a limit among them that are a fault.
+/// Number of readings beyond a limit, among the counted ones, that is a fault.
 pub const EVIDENCE_READINGS: u32 = 2;
-/// Readings that are missing or repeated among them that are a fault.
+/// Number of missing or repeated readings, among the counted ones, that is a fault.
 pub const DOUBTFUL_READINGS: u32 = 8;
-/// In so many readings a load beyond the limit is detected, whichever of them fail.
+/// Number of readings within which a load beyond the limit is detected, whichever of them fail.
 pub const LATEST_READINGS: u32 = DOUBTFUL_READINGS + EVIDENCE_READINGS;
-/// Codes by which a repeated reading may differ: its last bit is alive.
+/// Largest difference between repeated readings, codes: the last bit of a frozen channel may change.
 pub const REPEATED_CODES: i32 = 1;
-/// Codes before it that a reading is compared with: contacts that fail in a pattern repeat an earlier one, not the last.
+/// Number of earlier codes with which a reading is compared: contacts that fail in a pattern repeat an earlier code, not the
+/// last one.
 pub const REMEMBERED_CODES: usize = 4;
-/// Change of the force from one reading to the next that no motion makes, percent of the rated range: at full speed 20 um in a period,
-/// on a tissue and needle of 15 N/mm 0.3 N, and the 0.14 N of the noise.
+/// Change of the force from one reading to the next that no motion makes, percent of the rated range: full speed is 20 um in a
+/// period, which makes 0.3 N on a tissue and needle of 15 N/mm, and the noise adds 0.14 N.
 pub const JUMP_PERCENT: u32 = 10;
-/// Jump of a position from one period to the next that no motor makes, micrometres: it makes 25 in a period, and the filtered
-/// position that is compared with lags by up to 200.
+/// Change of a position from one period to the next that no motor makes, micrometres: a motor moves by 25 in a period, and the
+/// filtered position, from which the change counts, lags by up to 200.
 pub const JUMP_UM: f32 = 1_000.0;
 
-/// In which of the latest [`WINDOW_READINGS`] readings something was there.
+/// Occurrence of an event in each of the latest [`WINDOW_READINGS`] readings.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Recent(u32);
 
@@ -57,13 +60,13 @@ impl Recent {
         self.0 = self.0 << 1 | u32::from(present);
     }
 
-    /// In how many it was there.
+    /// Number of readings with the event.
     pub fn count(self) -> u32 {
         self.0.count_ones()
     }
 }
 
-/// The latest two readings in which something was there, as readings since then.
+/// Ages of the latest two readings with an event, in readings.
 #[derive(Debug, Clone, Copy)]
 pub struct LatestTwo {
     later: u8,
@@ -71,14 +74,14 @@ pub struct LatestTwo {
 }
 
 impl Default for LatestTwo {
-    /// Never.
+    /// No such reading so far.
     fn default() -> Self {
         Self { later: u8::MAX, earlier: u8::MAX }
     }
 }
 
 impl LatestTwo {
-    /// Takes the next reading; whether it was there in two of the latest `window`.
+    /// Takes the next reading, and returns whether two of the latest `window` readings had the event.
     pub fn note(&mut self, present: bool, window: u8) -> bool {
         if present {
             (self.later, self.earlier) = (0, self.later);
@@ -89,7 +92,7 @@ impl LatestTwo {
         self.are_within(window)
     }
 
-    /// Both are among the latest `window` readings.
+    /// Whether both are among the latest `window` readings.
     pub fn are_within(self, window: u8) -> bool {
         if Mutation::TwoInARow.is_out() {
             (self.later, self.earlier) == (0, 1)
@@ -99,12 +102,12 @@ impl LatestTwo {
     }
 }
 
-/// Accepts readings that continue those before them. One outlier is rejected; what lasts is accepted, and is a fault by then.
+/// Rejects single readings that jump. A jump that lasts is accepted, by which time it is a fault.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Outliers(u32);
 
 impl Outliers {
-    /// Takes the next reading, which is beyond a jump or not; whether it is accepted.
+    /// Takes the next reading, of which it is known whether it jumps, and returns whether it is accepted.
     pub fn accepts(&mut self, is_jump: bool) -> bool {
         self.0 = if is_jump { self.0.saturating_add(1) } else { 0 };
         !is_jump || self.0 > EVIDENCE_READINGS

@@ -1,4 +1,4 @@
-//! Protects a motor from: the share of time it may be driven, and being driven without moving.
+//! Protects a motor: limits the fraction of time for which it is driven, and detects drive without motion.
 //!
 //! The actuators are rated for a duty cycle of 20 %: at most [`ON_LIMIT_PERIODS`] of driving in any [`WINDOW_S`] seconds. The
 //! time is counted in bins of [`BIN_S`] seconds over a window that slides by whole bins and is one bin longer than rated, so
@@ -12,9 +12,9 @@ use super::axis::Setpoint;
 pub const WINDOW_S: u32 = 300;
 /// Length of a bin, seconds.
 pub const BIN_S: u32 = 5;
-/// Driving that is allowed in a window: 20 % of it, periods.
+/// Longest drive in a window, periods: 20 % of the window.
 pub const ON_LIMIT_PERIODS: u32 = WINDOW_S * (1_000_000 / PERIOD_US) / 5;
-/// Share of the limit below which a hot motor counts as cool again.
+/// Fraction of the limit below which a hot motor counts as cool again.
 pub const COOLED_SHARE: f32 = 0.8;
 
 const BINS: usize = (WINDOW_S / BIN_S) as usize + 1;
@@ -27,11 +27,11 @@ pub struct DutyBudget {
     current: usize,
     in_bin: u32,
     on_periods: u32,
-    /// All of it was used and the motor has not cooled since.
+    /// Whether the limit was reached and the motor has not cooled since.
     locked: bool,
 }
 
-/// Bytes of a kept budget.
+/// Size of a retained budget, bytes.
 pub const BUDGET_BYTES: usize = 2 * BINS + 4;
 
 impl DutyBudget {
@@ -41,7 +41,7 @@ impl DutyBudget {
         Self { bins: [0; BINS], current: 0, in_bin: 0, on_periods: 0, locked: false }
     }
 
-    /// One period passes.
+    /// Accounts for one period.
     pub fn step(&mut self, driven: bool) {
         if self.in_bin == PERIODS_PER_BIN {
             self.in_bin = 0;
@@ -58,12 +58,12 @@ impl DutyBudget {
         self.locked = if self.locked { self.used() >= COOLED_SHARE } else { self.used() >= 1.0 };
     }
 
-    /// The motor is hot and must not be driven until it has cooled.
+    /// Whether the motor is hot, so that it must not be driven until it has cooled.
     pub fn is_locked(&self) -> bool {
         self.locked
     }
 
-    /// Time of rest until a motor that is hot has cooled, seconds, rounded up; 0 for one that is not hot.
+    /// Rest until a hot motor has cooled, seconds, rounded up; 0 for a motor that is not hot.
     pub fn cools_in_s(&self) -> u16 {
         if !self.locked {
             return 0;
@@ -77,7 +77,7 @@ impl DutyBudget {
             }
             periods += PERIODS_PER_BIN;
         }
-        // The first period of the next bin is the one in which the oldest leaves the window.
+        // The oldest bin leaves the window in the first period of the next bin.
         u16::try_from((periods + 1).div_ceil(1_000_000 / PERIOD_US)).unwrap_or(u16::MAX)
     }
 
@@ -93,7 +93,7 @@ impl DutyBudget {
         bytes
     }
 
-    /// State that [`Self::to_bytes`] kept; `None` if the bytes cannot be one.
+    /// Budget from the bytes of [`Self::to_bytes`]; `None` if no budget has these bytes.
     pub fn from_bytes(bytes: &[u8; BUDGET_BYTES]) -> Option<Self> {
         let (bin_bytes, tail) = bytes.split_at(2 * BINS);
         let &[current, low, high, locked] = tail else { return None };
@@ -109,27 +109,28 @@ impl DutyBudget {
         sound.then_some(Self { bins, current: current.into(), in_bin, on_periods, locked: locked != 0 })
     }
 
-    /// Share of the allowed driving that has been used.
+    /// Fraction of the allowed drive that has been used.
     pub fn used(&self) -> f32 {
         self.on_periods as f32 / ON_LIMIT_PERIODS as f32
     }
 }
 
-/// Duty above which any sound actuator moves: the largest dead band of a unit, and some.
+/// Duty above which every sound actuator moves: the largest dead band of a unit, with a margin.
 const MOVES_ABOVE_DUTY: f32 = 0.35;
-/// Driving beyond that duty without moving that is a stall, periods.
+/// Duration of drive above that duty without motion that is a stall, periods.
 pub const STALL_PERIODS: u32 = 200_000 / PERIOD_US;
-/// Motion in that time that is moving, micrometres: a third of what the slowest unit makes at that duty, five times the noise.
+/// Distance that counts as motion in that time, micrometres: a third of the distance of the slowest unit at that duty, and five
+/// times the noise.
 const MOVED_UM: f32 = 60.0;
-/// Distance from the setpoint that no sound axis has, micrometres.
+/// Following error that no sound axis reaches, micrometres.
 pub const FOLLOWING_LIMIT_UM: f32 = 1_500.0;
 
-/// Driving one way before its direction is judged, periods: the play has been taken up ([`super::axis::PLAY_PERIODS`]), the motor
-/// has turned round and the filter has followed.
+/// Duration of drive in one direction before the direction of motion is judged, periods: by then the play is taken up
+/// ([`super::axis::PLAY_PERIODS`]), the motor has reversed and the filter has followed.
 const TURNED_PERIODS: u32 = 35;
-/// Motion against the driven direction that no sound axis makes from then on, micrometres: many times the filtered noise.
+/// Motion against the driven direction that is a fault from then on, micrometres: many times the filtered noise.
 pub const WRONG_WAY_UM: f32 = 60.0;
-/// Motion the right way that proves an axis, micrometres.
+/// Motion in the driven direction that proves an axis, micrometres.
 const PROVEN_UM: f32 = 200.0;
 
 /// Watches one axis while it is driven.
@@ -139,7 +140,7 @@ pub struct DriveWatch {
     sign: f32,
     periods: u32,
     following_error_periods: u16,
-    /// Direction and duration of the axis's drive, and its position when that was judged first.
+    /// Direction and duration of the axis's drive, and its position when the direction of motion was first judged.
     way: f32,
     way_periods: u32,
     way_from_um: f32,
@@ -164,7 +165,7 @@ impl DriveWatch {
         }
     }
 
-    /// Takes the duty that was given and the position that was reached, and where that should be.
+    /// Takes the duty, the position and the setpoint of a period.
     pub fn step(&mut self, duty: f32, position_um: f32, setpoint: Option<Setpoint>) {
         let sign = if duty.abs() < MOVES_ABOVE_DUTY { 0.0 } else { 1.0_f32.copysign(duty) };
         if sign == 0.0 || sign != self.sign || sign * (position_um - self.from_um) > MOVED_UM {
@@ -178,7 +179,7 @@ impl DriveWatch {
         self.judge_way(duty, position_um);
     }
 
-    /// Compares the way in which the axis moves with the one in which it is driven.
+    /// Compares the direction of motion with the direction of drive.
     fn judge_way(&mut self, duty: f32, position_um: f32) {
         let direction = if duty == 0.0 { 0.0 } else { 1.0_f32.copysign(duty) };
         if direction == 0.0 || direction != self.way {
@@ -193,22 +194,22 @@ impl DriveWatch {
         self.proven |= moved_um > PROVEN_UM;
     }
 
-    /// Moves against the direction in which it is driven.
+    /// Whether the axis moves against the direction in which it is driven.
     pub fn wrong_way(&self) -> bool {
         self.wrong_way
     }
 
-    /// Has moved the way it was driven.
+    /// Whether the axis has moved in its driven direction.
     pub fn is_proven(&self) -> bool {
         self.proven
     }
 
-    /// Driven for long without moving.
+    /// Whether the axis was driven for long without motion.
     pub fn stalled(&self) -> bool {
         self.sign != 0.0 && self.periods >= STALL_PERIODS
     }
 
-    /// Consecutive periods too far from the setpoint.
+    /// Number of consecutive periods too far from the setpoint.
     pub fn following_error_periods(&self) -> u16 {
         self.following_error_periods
     }
@@ -312,7 +313,7 @@ mod tests {
         assert!(!watch.is_proven());
         watch.step(0.0, position_um, None);
         assert!(!watch.wrong_way());
-        // Still rolling from 10 mm/s with the lag of a motor when it is driven back.
+        // The axis still coasts from 10 mm/s, with the lag of a motor, when it is driven back.
         let mut speed_um = 10.0_f32;
         for _ in 0..200 {
             speed_um += (-10.0 - speed_um) / 12.0;

@@ -1,8 +1,8 @@
-//! Safety measures that tests can disable, to show that the tests find each gap (mutation testing of the limits). In every
-//! image nothing can be disabled, which the compiler evaluates.
+//! Safety measures that tests can disable, to show that the tests find each gap (mutation testing of the limits). In an image
+//! no measure can be disabled: the check is a constant there.
 //!
-//! Each of these measures closes what was once a way round a limit, or a state that no command ends. The random sequences of
-//! the crate `sequences` find it where the measure is disabled; the tests through QEMU go the way itself.
+//! Each measure prevents a former way to circumvent a limit, or a former state that no command ended. With the measure
+//! disabled, the random sequences of the crate `sequences` find the gap; the tests through QEMU reproduce it step by step.
 //!
 //! | measure | without it | test through QEMU |
 //! |---|---|---|
@@ -38,15 +38,15 @@ pub enum Mutation {
     RampEndsAtOnce,
     /// The direction of motion is not checked.
     AnyDirection,
-    /// Only the latest answers are known, by their id.
+    /// Commands are recognized only by the ids of the latest answers.
     OldFramesAct,
     /// A start may be any time ahead.
     AnyStart,
-    /// The time in which a motor cools is stated too short.
+    /// The reported time until a motor is cool is too short.
     CoolingTooShort,
-    /// Evidence of a fault counts in two readings in a row alone.
+    /// Only two consecutive readings are evidence of a fault.
     TwoInARow,
-    /// Missing and repeated readings are counted and no more.
+    /// Missing and repeated readings are counted, but are no fault.
     FalseReadings,
     /// Retreats may follow each other into the load.
     RetreatsClimb,
@@ -75,7 +75,7 @@ std::thread_local! {
 
 #[cfg(not(target_os = "none"))]
 impl Mutation {
-    /// Every one.
+    /// All measures.
     pub const ALL: [Self; 16] = [
         Self::AnyCalibration,
         Self::ForgetAtRestart,

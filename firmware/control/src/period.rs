@@ -24,16 +24,16 @@ pub enum OutboundMessage {
     Report(Status),
     /// The calibration, on request.
     Calibration,
-    /// Tare, calibration and heat, on request.
+    /// The safety state (tare, calibration, heat), on request.
     Safety(Safety),
-    /// The same, unsolicited.
+    /// The safety state, unsolicited.
     SafetyReport(Safety),
     /// Description of the device's build, on request.
     Description,
 }
 
-/// Most notes of one period: a fault and a program's end, an answer of three parts, the end of a step with its tare, of the
-/// program or the start of the next step, and two reports.
+/// Largest number of messages of one period: a fault and the end of a program, an answer of three parts, the end of a step with
+/// its tare, the end of the program or the start of the next step, and two reports.
 pub type OutboundMessages = heapless::Vec<OutboundMessage, 12>;
 
 /// Everything that goes into one control period.

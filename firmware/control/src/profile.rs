@@ -1,8 +1,9 @@
-//! Motion of a setpoint along a path: constant acceleration to the wanted speed, and from it to rest at the end.
+//! Motion of a setpoint along a path: constant acceleration to the requested speed, and constant deceleration to rest at the
+//! end.
 //!
-//! A setpoint that stops at once leaves an actuator with its lag still running; one that slows down brings it along.
+//! An actuator coasts past a setpoint that stops at once, because of its lag; it follows one that slows down.
 
-/// Acceleration along the path, micrometres per second squared: what the actuator's lag follows within a few micrometres.
+/// Acceleration along the path, micrometres per second squared: the actuator follows it within a few micrometres.
 pub const ACCELERATION_UM_S2: f32 = 20_000.0;
 
 /// A trapezoid of speed over time; a triangle where the path is too short for the wanted speed.
@@ -15,11 +16,11 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Along a path of this length with at most this speed, which is positive.
+    /// Profile for a path of this length, with at most this speed, which is positive.
     pub fn new(length_um: f32, speed_um_s: f32) -> Self {
         let peak_um_s = speed_um_s.min(libm::sqrtf(length_um * ACCELERATION_UM_S2));
         let ramp_s = peak_um_s / ACCELERATION_UM_S2;
-        // Both ramps together cover the length of one at full speed.
+        // The two ramps together cover as much as the duration of one ramp at full speed.
         let duration_s = if peak_um_s > 0.0 { length_um / peak_um_s + ramp_s } else { 0.0 };
         Self { length_um, peak_um_s, ramp_s, duration_s }
     }
@@ -29,7 +30,7 @@ impl Profile {
         self.duration_s
     }
 
-    /// Share of the path covered, 0 to 1, and speed in micrometres per second, at a time from its start.
+    /// Covered fraction of the path, 0 to 1, and speed in micrometres per second, at a time after the start.
     pub fn at(&self, elapsed_s: f32) -> (f32, f32) {
         let remaining_s = self.duration_s - elapsed_s;
         if remaining_s <= 0.0 {

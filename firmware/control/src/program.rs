@@ -11,9 +11,9 @@ use protocol::{
     DURATION_LIMIT_MS, MAX_STEPS, Refusal, SPEED_LIMIT_UM_S, START_LIMIT_US, Step, TARE_LIMIT_MS,
 };
 
-/// Speed of a retreat, micrometres per second: in the time of a mean of the force 25 um.
+/// Speed of a retreat, micrometres per second: 25 um in the duration of one mean of the force.
 const RETREAT_SPEED_UM_S: f32 = 250.0;
-/// Time beyond one and a half times the path's own that a move may take to settle, microseconds.
+/// Time that a move may take to settle, beyond 1.5 times the duration of its path, microseconds.
 const SETTLE_LIMIT_US: u64 = 3_000_000;
 /// Time for which an axis coasts after a setpoint that stops at once, seconds: the motor's lag, the filter's and the
 /// loop's.
@@ -49,7 +49,7 @@ pub struct ProgramProgress {
     pub completed: bool,
     /// A move has not settled in time.
     pub timed_out: bool,
-    /// A retreat has come to its end.
+    /// The retreat has arrived at its end.
     pub retreated: bool,
 }
 
@@ -67,7 +67,7 @@ impl Path {
         Self { from_um, to_um, length_um: libm::hypotf(to_x - from_x, to_y - from_y) }
     }
 
-    /// Setpoints where this share of the path is covered at this speed, micrometres per second.
+    /// Setpoints at this covered fraction of the path and this speed, micrometres per second.
     fn at(&self, share: f32, speed_um_s: f32) -> [Setpoint; 2] {
         let mut setpoints = [Setpoint { position_um: 0.0, speed_um_s: 0.0 }; 2];
         for ((setpoint, from_um), to_um) in setpoints.iter_mut().zip(self.from_um).zip(self.to_um) {
@@ -92,7 +92,7 @@ enum Activity {
         step: Step,
         since_us: u64,
     },
-    /// On its path, or before it has one.
+    /// Moving on its path, or waiting for one.
     Retreating {
         since_us: u64,
     },
@@ -188,7 +188,7 @@ impl Executor {
             let (Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. }) = *step else { continue };
             let (to_x, to_y) = (x_um as f32, y_um as f32);
             if let Step::Ramp { duration_ms, .. } = *step {
-                // Compared as squares: all steps are checked in one period.
+                // Squares are compared to save the roots, as all steps are checked in one period.
                 let (dx, dy, reach_um) =
                     (to_x - from_x, to_y - from_y, SPEED_LIMIT_UM_S as f32 * duration_ms as f32 * 1e-3);
                 if dx * dx + dy * dy > reach_um * reach_um {
@@ -207,7 +207,7 @@ impl Executor {
         self.activity = Activity::Retreating { since_us: now_us };
     }
 
-    /// For how long a retreat has been waiting until the axes are at rest, microseconds.
+    /// Time for which a retreat has waited for the axes to come to rest, microseconds.
     pub fn awaits_rest_us(&self, now_us: u64) -> Option<u64> {
         match self.activity {
             Activity::Retreating { since_us } if self.path.is_none() => Some(now_us.saturating_sub(since_us)),
@@ -223,7 +223,7 @@ impl Executor {
         self.activity = Activity::Retreating { since_us: now_us };
     }
 
-    /// Ends what waits or runs; true if there was something.
+    /// Ends a waiting or running program. Returns whether there was one.
     pub fn abort(&mut self) -> bool {
         let active = !matches!(self.activity, Activity::Idle);
         self.activity = Activity::Idle;
@@ -257,7 +257,7 @@ impl Executor {
         self.setpoint
     }
 
-    /// Goes on by one period. `settled`: both axes rest at their setpoints.
+    /// Advances by one period. `settled`: both axes rest at their setpoints.
     pub fn advance(&mut self, now_us: u64, settled: bool, position_um: [f32; 2]) -> ProgramProgress {
         let mut progress = ProgramProgress::default();
         match self.activity {
@@ -293,8 +293,8 @@ impl Executor {
         progress
     }
 
-    /// Moves the setpoint along the path at an even speed; true when its time is over. If an axis would coast beyond
-    /// its travel, and as the last step, the setpoint slows down at the end and the axes settle there.
+    /// Moves the setpoint along the path at constant speed; true when its time is over. If an axis would coast beyond its
+    /// travel, and as the last step, the setpoint slows down at the end and the axes settle there.
     fn ramp(
         &mut self,
         elapsed_us: u64,
@@ -312,10 +312,10 @@ impl Executor {
                 end.position_um * end.speed_um_s > 0.0
                     && end.position_um.abs() + RUN_ON_S * end.speed_um_s.abs() > self.travel_um
             });
-        // It brakes for as long after its time as it began to brake before it.
+        // The deceleration is centred on the end of the step's time.
         let early_s = if last || rolls_out { 0.5 * speed_um_s / ACCELERATION_UM_S2 } else { 0.0 };
         let (path_fraction, speed_um_s, remaining_s) = if early_s > 0.0 && early_s >= duration_s {
-            // Too short to reach an even speed.
+            // The path is too short to reach a constant speed.
             let profile = Profile::new(path.length_um, speed_um_s);
             let (profile_fraction, speed_um_s) = profile.at(elapsed_s);
             (profile_fraction, speed_um_s, profile.duration_s() - elapsed_s)
@@ -353,7 +353,7 @@ impl Executor {
         self.setpoint = Some(path.at(path_fraction, speed_um_s));
         let arrived = elapsed_us as f32 >= duration_us;
         progress.timed_out = elapsed_us > (1.5 * duration_us) as u64 + SETTLE_LIMIT_US;
-        // The axes' own state lags by a period: a path that is over at once must not pass for settled.
+        // The state of the axes lags by a period, so that a path that ends at once must not count as settled.
         arrived && settled && elapsed_us >= 2 * u64::from(PERIOD_US)
     }
 
@@ -383,7 +383,7 @@ impl Executor {
             let start_um = self.setpoint.map_or(position_um, |axes| axes.map(|axis| axis.position_um));
             let path = Path::new(start_um, [x_um as f32, y_um as f32]);
             self.path = Some(path);
-            // The first setpoint is the start itself, standing: the path begins with the next period.
+            // The first setpoint is the start position at zero speed; the path begins with the next period.
             self.setpoint = Some(path.at(0.0, 0.0));
         }
         self.activity = Activity::Running { index, step, since_us: now_us };

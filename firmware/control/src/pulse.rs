@@ -1,8 +1,8 @@
-//! A single short pulse of one motor: how wiring is tried before any loop is closed.
+//! A single short pulse of one motor, which tests the wiring before any loop is closed.
 //!
-//! With swapped leads or a reversed potentiometer the position loop drives away from its target. A pulse needs no loop: one motor gets
-//! a low duty for at most [`PULSE_LIMIT_MS`], and what both potentiometers and both force channels did is reported. Its
-//! bounds hold whatever is wired wrong:
+//! With swapped leads or a reversed potentiometer the position loop drives away from its target. A pulse needs no loop: one
+//! motor gets a low duty for at most [`PULSE_LIMIT_MS`], and the response of both potentiometers and both force channels is
+//! reported. Its bounds hold for any wiring error:
 //!
 //! | bound | ends the drive | holds where |
 //! |---|---|---|
@@ -12,8 +12,9 @@
 //! | duty [`PULSE_DUTY_LIMIT_PERMILLE`], [`PULSE_LIMIT_MS`] | always: at most 0.29 mm of any actuator of the series | always |
 //!
 //! "After 2 periods" is the second reading beyond the bound, as everywhere in [`super::interlock`], whose causes end a pulse too.
-//! With the drive the bridges are off. Pulses do not add up: one that might drive more than [`NET_LIMIT_PERIODS`] further in one direction
-//! than back is refused until the axis has moved the way it is driven, over restarts too.
+//! When the drive ends, the bridges are off. Pulses do not add up: until an axis has moved in its driven direction, a pulse is
+//! refused if the drive in its direction could exceed that in the other by more than [`NET_LIMIT_PERIODS`], counted over
+//! restarts too.
 
 use super::axis::Axis;
 use super::limits::{LatestTwo, WINDOW_READINGS};
@@ -24,15 +25,15 @@ use protocol::{
     PulseReport, Refusal, Sample,
 };
 
-/// Motion of the driven axis at which the drive ends, micrometres; it rolls on by as much again at most.
+/// Motion of the driven axis at which the drive ends, micrometres. The axis then coasts by the same distance at most.
 pub const REACHED_UM: i32 = 100;
 /// Motion of the other axis at which the drive ends, micrometres: many times the noise of one reading.
 pub const OTHER_UM: i32 = 100;
-/// Largest difference of the drives in the two directions, periods: one of the longest pulses.
+/// Largest difference between the drives in the two directions, periods: the longest pulse.
 pub const NET_LIMIT_PERIODS: i16 = PULSE_LIMIT_MS as i16;
-/// Readings before the pulse and at the end of its rest that are averaged.
+/// Number of readings that are averaged before the pulse and at the end of the rest after it.
 const AVERAGED: u16 = 20;
-/// Rest after the drive until the last average is complete, periods: the motor has stopped after 60.
+/// Rest after the drive until the last average is complete, periods. The motor has stopped after 60 periods.
 const REST_PERIODS: u16 = 100;
 
 /// A requested pulse.
@@ -103,8 +104,8 @@ pub struct Pulser {
     net: NetDrive,
 }
 
-/// Periods in which x and y were driven up, less those driven down, since power-on. While a pulse runs it counts in full, afterwards as it
-/// was driven: a restart during a pulse loses nothing.
+/// Periods in which x and y were driven up, less those in which they were driven down, since power-on. A running pulse counts
+/// with its full duration, so that a restart during a pulse loses nothing; a finished one counts with its actual duration.
 pub type NetDrive = [i16; 2];
 
 /// Result of a period of a pulse.
@@ -114,12 +115,12 @@ pub enum PulseProgress {
     Off,
     /// Duties of both axes.
     Drive([f32; 2]),
-    /// It is over.
+    /// The pulse has ended.
     Ended(PulseReport),
 }
 
 impl Pulser {
-    /// No pulse under way, after such drives.
+    /// No pulse under way, after these net drives.
     pub const fn new(net: NetDrive) -> Self {
         Self { running: None, net }
     }
@@ -129,12 +130,13 @@ impl Pulser {
         self.net
     }
 
-    /// A pulse is under way.
+    /// Whether a pulse is under way.
     pub fn is_active(&self) -> bool {
         self.running.is_some()
     }
 
-    /// Begins a pulse. `position_um` and `travel_um` are the tables' word; `proven` axes have moved the way they were driven.
+    /// Begins a pulse. `position_um` and `travel_um` rely on the tables, which may be wrong; `proven` axes have moved in their
+    /// driven direction.
     ///
     /// # Errors
     /// [`Refusal::Busy`], [`Refusal::OutOfRange`] for a pulse beyond the limits, [`Refusal::OutOfTravel`] for one that may leave the travel, or
@@ -191,7 +193,7 @@ impl Pulser {
         }
     }
 
-    /// One period of the pulse with this sample; `None` where there is none.
+    /// Advances the pulse by a period with this sample; `None` where no pulse is under way.
     pub fn step(&mut self, sample: &Sample) -> Option<PulseProgress> {
         let running = self.running.as_mut()?;
         let progress = running.step(sample);
@@ -201,14 +203,14 @@ impl Pulser {
         Some(progress)
     }
 
-    /// Ends it at once: a stop, or a fault.
+    /// Ends the pulse at once, after a stop or a fault.
     pub fn abort(&mut self) -> Option<PulseReport> {
         let report = self.running.as_ref()?.report(PulseOutcome::Stopped);
         self.account(&report);
         Some(report)
     }
 
-    /// Takes back what was not driven of the pulse that has ended.
+    /// Subtracts the unused duration of the pulse that has ended from the net drive.
     fn account(&mut self, report: &PulseReport) {
         let unused_periods = self.running.take().map_or(0, |running| {
             let Pulse { duty_permille, periods, .. } = running.pulse;
@@ -221,7 +223,7 @@ impl Pulser {
 }
 
 impl Controller {
-    /// Goes on with a pulse; `None` where none is under way.
+    /// Advances the pulse by a period; `None` where no pulse is under way.
     pub(super) fn pulse(
         &mut self,
         sample: &Sample,
@@ -310,7 +312,7 @@ impl Running {
         }
     }
 
-    /// The bound that this sample is the second to exceed.
+    /// The bound that this sample exceeds as the second one.
     fn bound(&mut self, sample: &Sample) -> Option<PulseOutcome> {
         let moved = |axis: usize| {
             let position_count = sample.position_counts.get(axis).copied().unwrap_or(0);

@@ -1,5 +1,4 @@
-//! Reports of the controller about itself: state, status and what decides whether the guide may
-//! move.
+//! Reports of the controller: state, status and safety state.
 
 use super::interlock::Limits;
 use super::motor::DriveWatch;
@@ -8,11 +7,11 @@ use super::program::Phase;
 use super::{Axis, Controller, Inputs, NO_STEP, OutboundMessage, OutboundMessages, push, round};
 use protocol::{Counters, Safety, State, Status};
 
-/// Reports of the state between two unsolicited ones of safety.
+/// Number of state reports between two unsolicited safety reports.
 pub(super) const SAFETY_REPORTS: u32 = 10;
 
 impl Controller {
-    /// Reports what decides whether the guide may move, where that is due.
+    /// Reports the safety state, where that is due.
     pub(super) fn report_safety(&mut self, now_us: u64, notes: &mut OutboundMessages) {
         let reported = (self.source, self.force.is_tared(), self.force.zero_counts());
         if self.streaming && (self.safety_due == 0 || self.reported != Some(reported)) {
@@ -66,7 +65,7 @@ impl Controller {
             state: self.state(),
             step: self.executor.index().unwrap_or(NO_STEP),
             fault: self.interlock.latched(),
-            // A sample is what was read; here is what was not rejected of it.
+            // A sample has every reading; the status has only readings that were not rejected.
             position_counts: self.axes.each_ref().map(|axis: &Axis| round(axis.accepted_um())),
             force_counts: self.force.accepted_counts(),
             streaming: self.streaming,

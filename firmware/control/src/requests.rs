@@ -1,4 +1,4 @@
-//! Commands: which are accepted in which state, and what they do.
+//! Commands: their effects, and the states in which they are accepted.
 
 use super::commands::Admission;
 use super::interlock::{Limits, StopCauses};
@@ -12,7 +12,7 @@ use protocol::{
 };
 
 impl Controller {
-    /// Answers a command; returns the calibration that is to be kept, where it requests that.
+    /// Answers a command, and returns the calibration that is to be stored, if the command requests that.
     pub(super) fn handle_command(
         &mut self,
         command: &Command,
@@ -40,7 +40,7 @@ impl Controller {
         if answer.is_ok() {
             self.heard(command, inputs.now_us);
         }
-        // Questions are answered afresh each time they arrive: the earlier answer may be what was lost.
+        // A query is answered again each time it arrives, because the earlier answer may have been lost.
         match command.request {
             Request::Hello => {
                 push(notes, OutboundMessage::Hello);
@@ -64,8 +64,8 @@ impl Controller {
         store
     }
 
-    /// Keeps a motion alive: an accepted command of the conversation that has started it. Commands of other programs,
-    /// and refused ones, do not show that the program is there which watches the guide.
+    /// Notes a keepalive: an accepted command of the connection that started the motion. Refused commands, and those of other
+    /// programs, do not show that the program which watches the guide still runs.
     fn heard(&mut self, command: &Command, now_us: u64) {
         if matches!(command.request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
             self.mover = command.connection;
@@ -106,7 +106,7 @@ impl Controller {
                 Ok(())
             }
             Request::ClearFault if causes.first().is_some() => Err(Refusal::CauseRemains),
-            // A motor that still rolls on, or is driven by a bridge that is shorted, is a cause of its own.
+            // A motor that still coasts, or that a shorted bridge drives, prevents it as well.
             Request::ClearFault
                 if self.interlock.latched().is_some()
                     && !self.is_still()
@@ -147,7 +147,7 @@ impl Controller {
         }
     }
 
-    /// No axis moves.
+    /// Whether both axes are at rest.
     pub(super) fn is_still(&self) -> bool {
         self.axes.iter().all(Axis::is_still)
     }
@@ -172,7 +172,7 @@ impl Controller {
         Ok(())
     }
 
-    /// A restart would hide a fault, unless the calibration may be its cause: then storing another one is the recovery.
+    /// A restart would hide a fault. Only if a calibration can cause it, storing another one is the recovery.
     fn may_store(&self) -> Result<(), Refusal> {
         self.while_idle()?;
         match self

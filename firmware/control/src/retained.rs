@@ -1,20 +1,19 @@
-//! State that a restart must not forget: the latched fault, how the motors were driven, and what pulses have added to
-//! the position.
+//! State that survives a restart: the latched fault, the motors' use of their duty cycle, and the net drive of pulses.
 //!
-//! The board keeps it in memory that outlives a reset. After power-on there is nothing: whether the motors are hot is unknown then.
+//! The board keeps it in memory that a reset does not clear. At power-on it is lost, so that the heat of the motors is unknown.
 
 use super::motor::{BUDGET_BYTES, DutyBudget};
 use super::pulse::NetDrive;
 use protocol::{Fault, calibration_crc};
 
-/// Bytes that are kept.
+/// Size of the retained state, bytes.
 pub const RETAINED_BYTES: usize = CRC_BYTES + 1 + 2 * BUDGET_BYTES + PULSED_BYTES;
 const CRC_BYTES: usize = 4;
 const PULSED_BYTES: usize = 4;
-/// Number that no fault has.
+/// Stands for no fault.
 const NO_FAULT: u8 = u8::MAX;
 
-/// State of a controller that goes on in the next.
+/// State that a controller hands to its successor after a restart.
 #[derive(Debug, Clone)]
 pub struct ControllerState {
     /// The latched fault.
@@ -34,7 +33,7 @@ impl Default for ControllerState {
 }
 
 impl ControllerState {
-    /// As it is kept.
+    /// Its bytes.
     pub fn to_bytes(&self) -> [u8; RETAINED_BYTES] {
         let mut bytes = [0; RETAINED_BYTES];
         let (crc, content) = bytes.split_at_mut(CRC_BYTES);
@@ -52,7 +51,7 @@ impl ControllerState {
         bytes
     }
 
-    /// Kept state; `None` if it is damaged, as after power-on.
+    /// State from the bytes; `None` if they are damaged, as after power-on.
     pub fn from_bytes(bytes: &[u8; RETAINED_BYTES]) -> Option<Self> {
         let (crc, content) = bytes.split_first_chunk::<CRC_BYTES>()?;
         let (fault, state_bytes) = content.split_first()?;

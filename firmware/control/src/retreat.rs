@@ -1,24 +1,21 @@
-//! Out of a load while its fault is latched: slowly towards the middle of the travel, for as long as the load falls.
+//! Retreat: a slow motion that unloads the guide while the fault of the load is latched, for as long as the load falls.
 //!
-//! A lead screw holds the guide where the load stopped it, so that the cause of the fault would stay for ever. A retreat leads towards
-//! the middle of the travel, where the needle is straight, and nowhere else. It ends once the load is below the limit, and where
-//! moving on does not help: then the needle's clamp has to be opened.
+//! Without it a lead screw would hold the guide under the load, and the cause of the fault would last for ever. A retreat leads
+//! towards the middle of the travel, where the needle is straight, and nowhere else. It ends once the load is below the limit,
+//! or when further motion does not reduce the load; then the needle's clamp has to be opened.
 //!
-//! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole
-//!   periods of the mains at 50 Hz and at 60 Hz, so that hum is no part of it, and white noise of 0.02 N is one of 2
-//!   mN. Its size counts along both axes together: where these are coupled, it falls though the force along one of
-//!   them rises.
-//! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first
-//!   one of a retreat is taken at rest: what a motor rolls on is no part of it, and what a retreat has added that
-//!   was stopped on its way is. If the load has risen twice, from there each time, no further retreat starts: once
-//!   may be a sensor that failed meanwhile, and many would be a way into the load, where something else presses or
-//!   the tables have the wrong sign. Coasting of the motor at the end of a retreat that has ended for a rise belongs
-//!   to that one.
-//! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means, which is as many steps of 25
-//!   um, 0.3 mm and more than the play of the mechanism, has to fall by [`PROGRESS_PERCENT`] of the rated range: ten
-//!   times the standard error of the line.
-//! * **It is not known** while the converter is saturated. Then only axes that have moved the way they were driven
-//!   retreat.
+//! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole periods of the
+//!   mains at 50 Hz and at 60 Hz, so that hum cancels and white noise of 0.02 N becomes 2 mN. The magnitude over both axes
+//!   counts: where the axes are coupled, it can fall although the force along one of them rises.
+//! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first mean of a
+//!   retreat is taken at rest: it excludes the coasting of the motor, and includes the load that an interrupted retreat has
+//!   added. After two such rises no further retreat starts. One rise may be a sensor that failed in the meantime; many rises
+//!   would increase the load step by step where something else presses or the tables have the wrong sign. The coasting at the
+//!   end of a retreat that a rise has ended belongs to that rise.
+//! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means has to fall by [`PROGRESS_PERCENT`] of the
+//!   rated range, ten times the standard error of the line. The means are 25 um apart and span 0.3 mm, more than the play of
+//!   the mechanism.
+//! * **It is unknown** while the converter is saturated. Then only axes that have moved in their driven direction retreat.
 
 use super::axis::Axis;
 use super::force::ForceChannel;
@@ -30,17 +27,17 @@ use crate::calibration::counts_of_mn;
 use heapless::HistoryBuf;
 use protocol::{EventKind, RETREAT_LIMIT_UM, Refusal, RetreatOutcome};
 
-/// Periods of a mean: five of 50 Hz, six of 60 Hz.
+/// Control periods of a mean: five cycles of 50 Hz, six of 60 Hz.
 pub const BLOCK_PERIODS: u16 = 100;
-/// The load may rise above its least by this, percent of the rated range: 25 times the noise of a mean.
+/// Largest rise of the load above its minimum, percent of the rated range: 25 times the noise of a mean.
 const RISE_PERCENT: f32 = 1.0;
-/// Number of times the load may rise, from one fault.
+/// Number of rises of the load that are allowed after one fault.
 const RISES: u8 = 2;
-/// Means that the trend is taken from.
+/// Number of means from which the trend is computed.
 const TREND_BLOCKS: usize = 12;
-/// By how much the load must have fallen over them, percent of the rated range.
+/// Smallest fall of the load over these means, percent of the rated range.
 const PROGRESS_PERCENT: f32 = 0.4;
-/// A guide that is not at rest by then does not stop by itself, microseconds.
+/// Longest wait for the guide to come to rest, microseconds. A guide that still moves then does not stop by itself.
 const REST_LIMIT_US: u64 = 1_000_000;
 /// Share of the limit below which the guide counts as unloaded: soft tissue takes up a part of the load again once the guide rests.
 const UNLOADED: f32 = 0.85;
@@ -57,7 +54,8 @@ pub struct LoadMeter {
 }
 
 impl LoadMeter {
-    /// Takes a period; once in [`BLOCK_PERIODS`] the mean, or that there is none: less than half of them have a reading.
+    /// Takes a period. Returns the mean once in [`BLOCK_PERIODS`], or that there is none because fewer than half of the periods
+    /// have a reading.
     pub fn step(&mut self, force: &ForceChannel) -> Option<Option<Mean>> {
         if force.is_accepted() {
             for (sum, counts) in self.sums.iter_mut().zip(force.absolute_counts()) {
@@ -89,23 +87,23 @@ pub enum Trend {
 /// The load on the way.
 #[derive(Debug, Clone)]
 pub struct LoadWatch {
-    /// Least load since the fault, or since it has risen, counts.
+    /// Smallest load since the fault or since the last rise, counts.
     least: f32,
     latest: HistoryBuf<f32, TREND_BLOCKS>,
     /// Number of times it has risen since the fault.
     rises: u8,
-    /// The latest retreat has ended for a rise.
+    /// Whether a rise has ended the latest retreat.
     has_ended: bool,
 }
 
 impl LoadWatch {
-    /// A new fault: nothing is known of its load.
+    /// State at a new fault, whose load is still unknown.
     #[expect(clippy::new_without_default, reason = "made where a fault is latched")]
     pub const fn new() -> Self {
         Self { least: f32::INFINITY, latest: HistoryBuf::new(), rises: 0, has_ended: false }
     }
 
-    /// Takes a mean on a cell of this rated range, counts: the one before a retreat, or one on its way.
+    /// Takes a mean from before or during a retreat, on a cell of this rated range, counts.
     pub fn step(&mut self, [x, y]: Mean, range: f32, moves: bool) -> Trend {
         let load = libm::hypotf(x, y);
         let has_risen = load - self.least > range * RISE_PERCENT * 1e-2;
@@ -124,7 +122,7 @@ impl LoadWatch {
         if used_up || stays || (moves && has_risen) { Trend::NotFalling } else { Trend::Falling }
     }
 
-    /// By how much the straight line through the latest means falls over them, least squares.
+    /// Fall of the least-squares line over the latest means.
     fn fall(&self) -> f32 {
         const N: f32 = TREND_BLOCKS as f32;
         let mut moment = 0.0;
@@ -165,7 +163,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Begin and end of the retreat: at the middle at the latest.
+    /// Begin and end of the retreat, which never passes the middle of the travel.
     fn retreat_path(&self) -> Result<([f32; 2], [f32; 2]), Refusal> {
         let start_um = self.axes.each_ref().map(Axis::position_um);
         let mut target_um = start_um;
@@ -179,12 +177,12 @@ impl Controller {
         Ok((start_um, target_um))
     }
 
-    /// Every axis that is to move has moved the way it was driven.
+    /// Whether every axis that is to move has moved in its driven direction before.
     fn is_proven(&self) -> bool {
         self.watches.iter().zip(self.retreat_by_um).all(|(watch, by_um)| by_um == 0 || watch.is_proven())
     }
 
-    /// Takes the force of a period, and with it starts, follows and ends a retreat.
+    /// Starts, follows and ends a retreat by the force of a period.
     pub(super) fn follow_load(&mut self, causes: StopCauses, now_us: u64, notes: &mut OutboundMessages) {
         if self.executor.phase() != Phase::Retreating {
             return;
@@ -221,7 +219,7 @@ impl Controller {
         }
     }
 
-    /// Trend of the load by a mean, or by none.
+    /// Trend of the load after a mean, or after a missing mean.
     fn trend(&mut self, mean: Option<Mean>, causes: StopCauses, moves: bool) -> Trend {
         let Some(mean) = mean else {
             let goes_on = self.is_proven() || Mutation::BlindTurned.is_out();
@@ -230,12 +228,12 @@ impl Controller {
         let range_mn = self.calibration.force_range_mn();
         let unloaded = UNLOADED * counts_of_mn(self.interlock.limits().force_mn.min(range_mn)) as f32;
         let tared = mean.into_iter().zip(self.force.zero_counts()).map(|(mean, zero)| mean - zero as f32);
-        // Single readings too, or the fault could not be cleared.
+        // Single readings have to be below the limit too, as otherwise the fault could not be cleared.
         if !causes.load() && mean.into_iter().chain(tared).all(|force| force.abs() < unloaded) {
             return Trend::Unloaded;
         }
         match self.load_watch.step(mean, counts_of_mn(range_mn) as f32, moves) {
-            // Below the limit, if not by the margin: what is left is the offset of the cell, or a tare.
+            // The load is below the limit, though not by the margin: the remainder is the offset of the cell, or a tare.
             Trend::NotFalling if !causes.load() => Trend::Unloaded,
             trend => trend,
         }

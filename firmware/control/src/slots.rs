@@ -1,9 +1,8 @@
-//! Storage of a calibration without power: in one of two slots, each an own page of the flash.
+//! Non-volatile storage of a calibration, in one of two slots, each with a flash page of its own.
 //!
 //! A new record goes into the slot that the device does not work with, under the next sequence number; the newest sound
-//! one counts. Wherever power fails on the way, one slot is as it was before. Content that neither slot explains is a
-//! loss, and no rig that never had a calibration; so is a slot beside a valid one that holds other content: it may have
-//! been the newer one.
+//! one counts. Wherever power fails during a write, one slot is unchanged. A slot with content that is neither valid nor erased
+//! means that a calibration was lost. That holds beside a valid slot too, because the damaged one may have been the newer one.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -13,7 +12,7 @@
 //! | 8 to 11 | sequence number, from 1 |
 //! | from 12 | the record |
 //!
-//! A slot that begins with `cal` is of the format before, without a sequence number: the oldest.
+//! A slot that begins with `cal` has the previous format, without a sequence number, and counts as the oldest.
 
 #![cfg_attr(
     not(test),
@@ -33,10 +32,10 @@ pub const ERASED: u8 = 0xFF;
 const HEAD_BYTES: usize = 8;
 const SEQUENCE_BYTES: usize = 4;
 const MARK: [u8; 3] = *b"ca2";
-/// The mark of the format before.
+/// The mark of the previous format.
 const OLD_MARK: [u8; 3] = *b"cal";
 
-/// A record as a slot keeps it.
+/// Bytes of a slot with this record.
 pub fn to_stored(record: &CalibrationRecord, sequence: u32) -> [u8; STORED_BYTES] {
     let mut buffer = [0; MAX_CALIBRATION];
     let bytes = record.encode(&mut buffer);
@@ -51,7 +50,7 @@ pub fn to_stored(record: &CalibrationRecord, sequence: u32) -> [u8; STORED_BYTES
     stored
 }
 
-/// The record that a slot keeps and its sequence number; `None` where there is none, or one that is damaged.
+/// The record of a slot and its sequence number; `None` where the slot is empty or damaged.
 pub fn from_stored(stored: &[u8; STORED_BYTES]) -> Option<(CalibrationRecord, u32)> {
     let (&[a, b, c, length, d, e, f, g], body) = stored.split_first_chunk::<HEAD_BYTES>()?;
     let crc = u32::from_le_bytes([d, e, f, g]);
@@ -78,7 +77,7 @@ pub struct SlotChoice {
     pub calibration: Calibration,
     /// Source of the record.
     pub origin: Origin,
-    /// For the next one.
+    /// Slot and sequence number for the next record.
     pub next: NextSlot,
 }
 
@@ -110,7 +109,7 @@ pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> SlotChoice {
     }
     let damaged = slots.iter().position(|stored| !erased(stored));
     let origin = if damaged.is_none() { Origin::Nominal } else { Origin::Lost };
-    // The next record replaces what is damaged: beside it, it would be one that another may be newer than.
+    // The next record replaces the damaged slot, because a damaged slot beside it might count as the newer one.
     let next = NextSlot { slot: damaged.unwrap_or(0), sequence: 1 };
     SlotChoice { calibration: Calibration::default(), origin, next }
 }
@@ -159,7 +158,7 @@ mod tests {
         }
     }
 
-    /// As the version before has written it into its only page, which is the second slot.
+    /// A record of the previous version, in its only page, which is the second slot.
     #[test]
     fn the_format_before_is_read_and_is_the_older_one() {
         let mut buffer = [0; MAX_CALIBRATION];
@@ -199,7 +198,7 @@ mod tests {
             let mut damaged = slots;
             damaged[1][byte] ^= 4;
             let (loaded_id, origin) = id(&damaged);
-            // Beyond the record nothing is kept.
+            // Bytes beyond the record have no meaning.
             let expected = if loaded_id == "unit-7" { Origin::Stored } else { Origin::Earlier };
             assert_eq!(origin, expected, "byte {byte}: {loaded_id}");
         }

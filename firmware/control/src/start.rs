@@ -24,16 +24,16 @@ pub const DESCRIPTION: Description = Description {
 pub struct Start {
     /// Identity of the boot.
     pub boot_id: u32,
-    /// The program before did not end as it should, which someone has to acknowledge before anything moves.
+    /// Whether the previous run ended abnormally, which has to be acknowledged before anything moves.
     pub restarted: bool,
     /// Source of the calibration.
     pub origin: Origin,
-    /// State that the previous run has left.
+    /// State from the previous run.
     pub retained: Option<ControllerState>,
 }
 
 impl Start {
-    /// A start with nothing amiss: a stored calibration, and nothing left of a run before.
+    /// A normal start: a stored calibration, and no state from a previous run.
     pub const fn ordinary(boot_id: u32) -> Self {
         Self { boot_id, restarted: false, origin: Origin::Stored, retained: None }
     }
@@ -44,10 +44,10 @@ impl Start {
 pub enum Origin {
     /// It is stored on the device.
     Stored,
-    /// It is stored on the device, and beside it what may have been a newer one and cannot be read any more.
+    /// It is stored on the device, beside a damaged record that may have been newer.
     Earlier,
-    /// None was ever stored: it is the one of the rig as designed.
+    /// None was ever stored, and the constants of the rig as designed are used.
     Nominal,
-    /// One was stored and cannot be read any more: it is the one of the rig as designed.
+    /// The stored one is damaged, and the constants of the rig as designed are used.
     Lost,
 }

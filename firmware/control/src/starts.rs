@@ -1,21 +1,21 @@
-//! Counts the starts of a chip without power, so that a connection number of one start is repeated at no other.
+//! Counts the starts of a chip in its flash, so that no token of one start is valid in another.
 //!
-//! Each start writes its number behind that of the one before, in one of two pages of the flash of their own; where a page is full, the
-//! other one is erased. A number is kept with its complement: what a power cut has left is none, and is left out. Wherever power fails,
-//! the greatest number so far is in a page that is not erased. A page takes 64 numbers and 10,000 erasures, so that both count
-//! 1.28 million starts.
+//! Each start writes its number behind that of the one before, in one of two flash pages; when a page is full, the other one is
+//! erased. A number is stored with its complement, so that one which a power cut has damaged is recognized and skipped.
+//! Wherever power fails, the largest number so far is in a page that is not erased. A page holds 64 numbers and endures 10,000
+//! erasures, so that the two pages count 1.28 million starts.
 
 use crate::commands::TOKENS;
 
 /// Pages.
 pub const PAGES: usize = 2;
-/// Bytes of a page that are used.
+/// Number of used bytes of a page.
 pub const PAGE_BYTES: usize = 512;
-/// Bytes of a number: a unit of the flash.
+/// Bytes of a number: the unit in which the flash is written.
 const ENTRY_BYTES: usize = 8;
 /// Byte of erased flash.
 const ERASED: u8 = 0xFF;
-/// Numbers are below this: as many as there are blocks of tokens.
+/// Bound of the numbers: the number of blocks of tokens.
 const NUMBERS: u32 = (1 << 31) / (TOKENS / 2);
 
 /// The number of a start, and where it is written.
@@ -27,11 +27,11 @@ pub struct NextStart {
     pub page: usize,
     /// Byte in the page.
     pub offset: usize,
-    /// The page has to be erased before.
+    /// Whether the page has to be erased first.
     pub erases: bool,
 }
 
-/// A number as a page keeps it.
+/// Bytes of a number in a page.
 pub fn to_stored(count: u32) -> [u8; ENTRY_BYTES] {
     let mut stored = [0; ENTRY_BYTES];
     for (kept, byte) in stored.iter_mut().zip(count.to_le_bytes().into_iter().chain((!count).to_le_bytes())) {
@@ -50,10 +50,10 @@ fn from_stored(stored: &[u8]) -> Option<u32> {
 pub fn next(pages: &[[u8; PAGE_BYTES]; PAGES]) -> NextStart {
     let [first, second] = pages;
     let greatest = |page: &[u8; PAGE_BYTES]| page.chunks_exact(ENTRY_BYTES).filter_map(from_stored).max();
-    // After the last number comes the first one again; by then the flash has been worn out for long.
+    // The numbers wrap, long after the flash has worn out.
     let count = greatest(first).max(greatest(second)).map_or(0, |count| (count + 1) % NUMBERS);
     let (page, bytes) = if greatest(second) > greatest(first) { (1, second) } else { (0, first) };
-    // Behind all that was written, what a power cut has left included.
+    // The number is written behind all used bytes, those of a power cut included.
     let used_entries = bytes
         .chunks_exact(ENTRY_BYTES)
         .rposition(|entry| entry.iter().any(|byte| *byte != ERASED))

@@ -1,12 +1,12 @@
-//! Lateral stiffness as the readings come: a straight line through force against displacement, one per axis.
+//! Online estimate of the lateral stiffness: a straight line through force against displacement, one per axis.
 //!
 //! Least squares by orthogonal rotations: the triangle `[R | z; 0 | r]` of the rows `[1, u, f]` (displacement, force) takes each
-//! new row with two Givens rotations. The slope is `z₂ / R₂₂`, its standard error `s / R₂₂` with `s² = r² / (n - 2)`: the square
-//! root of the normal equations, which keeps in single precision what they would lose. Readings are those of the decimating
+//! new row with two Givens rotations. The slope is `z₂ / R₂₂`, its standard error `s / R₂₂` with `s² = r² / (n - 2)`: the
+//! square root of the normal equations, whose digits single precision would not hold. Readings are those of the decimating
 //! filters, taken at every second output, where the filters' windows no longer overlap and the noise is white again.
 //!
-//! It is a gate on the quality of a measurement while it runs (is the needle held, is the tissue there, is the line straight),
-//! not the measurement: relaxation, needle and guide all are in this slope. It begins again with every tare.
+//! The slope checks the quality of a running measurement (needle clamped, tissue in contact, line straight). It is not the
+//! measurement, as it includes relaxation, needle and guide. It restarts with every tare.
 
 #![expect(clippy::indexing_slicing, reason = "matrices of fixed size at places known when compiling")]
 
@@ -21,7 +21,7 @@ use protocol::{Sample, Stiffness};
 pub const DECIMATION: i32 = 10;
 /// Standard deviation of the displacements below which the slope is not identifiable, millimetres.
 const MIN_SPREAD_MM: f32 = 0.05;
-/// Readings below which there is none.
+/// Smallest number of readings for a slope.
 const MIN_READINGS: u32 = 5;
 
 type Filter = Decimator<DECIMATION>;
@@ -89,7 +89,7 @@ impl StiffnessFit {
         }
     }
 
-    /// Takes the sample of one period.
+    /// Adds the sample of one period.
     pub fn add(&mut self, sample: &Sample) {
         let position = push(&mut self.position, sample.position_counts);
         let force = push(&mut self.force, sample.force_counts);

@@ -1,9 +1,10 @@
-//! A calibration on its way to the device: pieces as they come, a record once they are complete and are what was meant.
+//! Transfer of a calibration to the device: collects the pieces, and decodes the record once they are complete and match the
+//! checksum.
 
 use crate::calibration::Calibration;
 use protocol::{CalibrationRecord, MAX_CALIBRATION, PIECE_BYTES, Refusal, calibration_crc};
 
-/// Pieces of the largest record.
+/// Number of pieces of the largest record.
 const PIECES: usize = MAX_CALIBRATION.div_ceil(PIECE_BYTES);
 
 /// The pieces so far.
@@ -27,10 +28,10 @@ impl Incoming {
         Ok(())
     }
 
-    /// The record that the first `length` bytes are.
+    /// The record in the first `length` bytes.
     ///
     /// # Errors
-    /// [`Refusal::CalibrationInvalid`] where they are not the ones that were sent, or no rig has such constants.
+    /// [`Refusal::CalibrationInvalid`] where the checksum differs or no rig has such constants.
     pub fn finish(&self, length: u8, crc: u32) -> Result<CalibrationRecord, Refusal> {
         let bytes = self.pieces.as_flattened().get(..usize::from(length));
         bytes

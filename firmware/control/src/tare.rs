@@ -6,8 +6,8 @@ use super::round;
 use crate::calibration::counts_of_mn;
 use protocol::{TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, Tare, TareProblem, UNIQUE_CODES};
 
-/// Problem of a tare on a cell of this rated range. A zero under load would take that load off the force that is
-/// measured and limited; a force that still settles leaves a zero that is not repeatable.
+/// Problem of a tare on a cell of this rated range. A zero under load would hide that load from the measured and the limited
+/// force; a force that still settles gives a zero that is not repeatable.
 pub fn problem(tare: &Tare, range_mn: u32, periods_per_s: f64) -> Option<TareProblem> {
     let range = f64::from(counts_of_mn(range_mn));
     let beyond = |counts: f64, percent: u32| counts.abs() > range * f64::from(percent) * 1e-2;
@@ -41,7 +41,7 @@ struct Channel {
 pub struct Taring {
     periods: u32,
     readings: u32,
-    /// Sum and sum of squares of the periods in which there was a reading.
+    /// Sum and sum of squares of the periods with a reading.
     sum_times: i64,
     sum_squared_times: i64,
     channels: [Channel; 2],
@@ -73,7 +73,7 @@ impl Taring {
             channel.sum_squares = channel.sum_squares.saturating_add(deviation.saturating_mul(deviation));
             channel.sum_moments = channel.sum_moments.saturating_add(time.saturating_mul(deviation));
             if !channel.codes.contains(&code) {
-                // A full list is enough.
+                // Codes beyond a full list are not needed.
                 let _ = channel.codes.push(code);
             }
         }
@@ -83,7 +83,7 @@ impl Taring {
         self.readings = self.readings.saturating_add(1);
     }
 
-    /// The result for zeros until now; they stay where there was no reading. `periods_per_s`: control periods per second.
+    /// The result, given the present zeros, which stay where there was no reading. `periods_per_s`: control periods per second.
     pub fn finish(&self, zero_counts: [i32; 2], periods_per_s: f64) -> Tare {
         let mut tare = Tare {
             zero_counts,

@@ -1,8 +1,7 @@
-//! The controller's output on its way to the link: samples gathered into batches, notes between them, in order.
+//! The controller's output to the link: samples in batches, messages between them, in order.
 //!
-//! The outbox is bounded and is never waited for. If it is full, the batch that is ready is dropped whole and its
-//! samples are counted, so that the host finds one gap of known length; the last places are kept for answers and
-//! events.
+//! The outbox is bounded, and the controller never waits for it. If it is full, a complete batch is dropped and its samples are
+//! counted, so that the host finds one gap of known length. The last places are reserved for answers and events.
 
 use super::{OutboundMessage, Outputs, PERIOD_US};
 use protocol::{Packer, Samples};
@@ -20,11 +19,11 @@ pub enum Item {
 pub trait Outbox {
     /// Free places.
     fn room(&self) -> usize;
-    /// Puts something in; false where it is full.
+    /// Appends an item; false where the queue is full.
     fn put(&mut self, item: Item) -> bool;
 }
 
-/// Places that batches may not take.
+/// Number of places that batches may not take.
 pub const RESERVED_FOR_MESSAGES: usize = 8;
 
 /// The way from the controller to the outbox.
@@ -53,7 +52,7 @@ impl Telemetry {
         self.messages_dropped
     }
 
-    /// Hands on what one period has brought; `t_us` is its device time.
+    /// Queues the output of one period; `t_us` is its device time.
     pub fn send(&mut self, t_us: u64, outputs: &Outputs, outbox: &mut impl Outbox) {
         for note in &outputs.notes {
             // Samples before an answer or an event are sent before it; the periodic state does not wait.

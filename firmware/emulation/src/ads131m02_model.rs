@@ -1,4 +1,4 @@
-//! The device side of the ADS131M02's SPI port: what the driver talks to in unit tests and in QEMU.
+//! The device side of the ADS131M02's SPI port: the driver runs on this model in unit tests and in QEMU.
 //!
 //! Models the registers ID, MODE, CLOCK and GAIN, the commands null, reset, RREG and WREG of one register, the
 //! frame with its CRC, the response one frame later, the data-ready flags that a read clears, and the gain (codes are
@@ -55,7 +55,7 @@ impl Ads131m02Model {
         }
     }
 
-    /// The chip resets.
+    /// Resets the chip.
     pub fn reset(&mut self) {
         let (codes, corrupt_crc) = (self.codes, self.corrupt_crc);
         *self = Self { codes, corrupt_crc, ..Self::new() };

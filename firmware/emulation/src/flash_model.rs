@@ -1,10 +1,9 @@
-//! The flash interface and the last four pages of the flash, as far as a store of a few hundred bytes needs them: what the
-//! flash driver talks to in unit tests and in QEMU.
+//! The flash interface and the last four pages of the flash, as far as a store of a few hundred bytes needs them. The flash
+//! driver runs on this model in unit tests and in QEMU.
 //!
-//! Models the unlock keys, the erasure of these pages, the programming of erased double words and the errors of doing it
-//! wrong. Only the first [`STORED_BYTES`] of a page can be programmed; the rest stays erased and is write-protected.
-//! Everything is done at once: the busy flag is never set. Other pages, mass erasure, fast programming, option bytes and
-//! interrupts are refused.
+//! Models the unlock keys, the erasure of these pages, the programming of erased double words and the error flags. Only the
+//! first [`STORED_BYTES`] of a page can be programmed; the rest stays erased and is write-protected. Everything is done at
+//! once: the busy flag is never set. Other pages, mass erasure, fast programming, option bytes and interrupts are refused.
 
 use crate::thumb::Width;
 
@@ -14,7 +13,7 @@ pub const PAGE_BYTES: usize = 2048;
 pub const PAGES: usize = 4;
 /// Content of the pages.
 pub type Pages = [[u8; STORED_BYTES]; PAGES];
-/// Bytes at the start of a page that keep what is programmed.
+/// Number of bytes at the start of a page that can be programmed.
 pub const STORED_BYTES: usize = 512;
 /// Byte of erased flash.
 pub const ERASED: u8 = 0xFF;
@@ -27,7 +26,7 @@ const SR: u32 = 0x10;
 const CR: u32 = 0x14;
 const OPTR: u32 = 0x20;
 
-/// The option bytes of a board that is set up: those of a new chip, with brown-out reset at level 4 (2.8 V).
+/// The option bytes of a prepared board: those of a new chip, with brown-out reset at level 4 (2.8 V).
 const OPTIONS: u32 = 0xFFEF_FCAA;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
@@ -95,9 +94,9 @@ impl FlashModel {
         match offset {
             ACR => self.access_control = value,
             KEYR => self.unlock(value)?,
-            // Written ones clear.
+            // Writing a one clears a flag.
             SR => self.status &= !value,
-            // A locked register takes nothing.
+            // A locked register ignores stores.
             CR if self.control & CR_LOCK != 0 => {}
             CR => self.command(pages, value)?,
             _ => return Err(Unknown),
@@ -172,7 +171,7 @@ fn byte_at(at: u32, pages: &[[u8; 512]; 4]) -> u32 {
     u32::from(pages.get(page).and_then(|page| page.get(offset)).copied().unwrap_or(ERASED))
 }
 
-/// Programs a double word; an error where it is not erased, and not programmed to zeros, which always goes.
+/// Programs a double word. It is an error unless the double word is erased or is programmed to zeros, which is always allowed.
 fn program(page: &mut [u8; STORED_BYTES], offset: usize, words: [u32; 2]) -> u32 {
     let cells = &mut page[offset..offset + 8];
     if words != [0; 2] && cells.iter().any(|&byte| byte != ERASED) {

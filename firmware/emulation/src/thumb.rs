@@ -1,10 +1,10 @@
 //! Decoder of the Thumb loads and stores that a driver makes on a peripheral register, or a copy on stored bytes.
 //!
 //! In QEMU the drivers' accesses to peripherals that QEMU does not model fault, and the fault handler performs them on
-//! a software model (see `qemu::trap`). The access of the faulting instruction is decided here, as a pure function of
-//! its halfwords and the registers, so that every form is tested on the host against the encodings of the architecture
-//! manual (ARMv7-M, A7.7 and A5.3). Literal loads, exclusives, coprocessor and stack transfers are refused: no driver
-//! reaches a register with them, and guessing would hide a fault.
+//! a software model (see `qemu::trap`). This module decodes the access of the faulting instruction, as a pure function of its
+//! halfwords and the registers, so that tests on the host compare every form with the encodings of the architecture manual
+//! (ARMv7-M, A7.7 and A5.3). Literal loads, exclusives, coprocessor and stack transfers are refused: no driver accesses a
+//! peripheral register with them, and a guess would hide a fault.
 
 /// Register number of the stack pointer.
 const SP: u8 = 13;

@@ -1,19 +1,19 @@
 //! Stiffness and damping of the tissue against depth, from the parameters (theory, eq. 50).
 //!
 //! Depth is cut into segments. In each, the logarithm of the stiffness and the damping itself are sums of Legendre polynomials of
-//! the depth scaled to -1 .. 1: orthogonal, so that parameters of one segment hardly disturb each other, where powers of the
-//! depth would span twenty decades. The logarithm keeps stiffness positive; damping, which may well be nothing, is kept at
-//! 0 or more.
+//! the depth scaled to -1 .. 1: these are orthogonal, so that the parameters of a segment are weakly correlated, whereas the
+//! scales of powers of the depth would span twenty decades. The logarithm keeps stiffness positive; damping, which may be zero,
+//! is bounded below by 0.
 
 use nalgebra::{RealField, convert};
 
-/// Most coefficients per segment.
+/// Largest number of coefficients per segment.
 pub const MAX_COEFFICIENTS: usize = 8;
-/// Damping of 1 in the parameters, N s/m^2.
+/// Damping that a parameter value of 1 stands for, N s/m^2.
 pub const DAMPING_UNIT: f64 = 1e3;
-/// Stiffness that tissue can have, N/m^2: a search does not leave this.
+/// Bounds of the tissue's stiffness, N/m^2, within which a search stays.
 pub const STIFFNESS_RANGE: [f64; 2] = [2e2, 5e6];
-/// Damping that tissue can have, N s/m^2.
+/// Bounds of the tissue's damping, N s/m^2.
 pub const DAMPING_RANGE: [f64; 2] = [0.0, 1e4];
 
 /// Layout of parameters: per segment the coefficients of the stiffness, then per segment those of the damping, then the
@@ -49,7 +49,7 @@ impl Layout {
         self.segments * (self.stiffness + self.damping)
     }
 
-    /// Offset of the tip sensor against the base.
+    /// Offset of the tip sensor relative to the base.
     pub const fn tip_offset(&self) -> usize {
         self.force_offset() + 1
     }
@@ -68,8 +68,8 @@ pub struct Field<T, const C: usize> {
 }
 
 impl<T: RealField + Copy, const C: usize> Field<T, C> {
-    /// Cells and segments of these lengths. The last segment reaches to `reach_m`, or is as long as the others where that is not beyond
-    /// its begin; what is beyond it is as its end.
+    /// Cells and segments of these lengths. The last segment reaches to `reach_m`, or has the length of the others if `reach_m`
+    /// is not beyond its start. The tissue beyond it has the properties at its end.
     pub fn new(layout: Layout, cell_m: T, segment_m: T, reach_m: T) -> Self {
         let mut segment = [0; C];
         let mut basis = [[T::zero(); MAX_COEFFICIENTS]; C];

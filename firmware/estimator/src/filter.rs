@@ -1,4 +1,4 @@
-//! The filter: parameters of the tissue, what is known of them, and the simulation that goes with them.
+//! The filter: parameters of the tissue, their posterior information, and the simulation that depends on them.
 
 use super::field::{self, Field, Layout, STIFFNESS_RANGE};
 use super::information::{Information, dot};
@@ -8,7 +8,7 @@ use super::simulation::Simulation;
 use super::{Estimate, Evidence, Identifiability, Row, Settings, Value};
 use nalgebra::{RealField, convert};
 
-/// Parameters, what is known of them, and the simulation that goes with them.
+/// Parameters, their posterior information, and the simulation that depends on them.
 #[derive(Debug, Clone)]
 pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> {
     layout: Layout,
@@ -16,22 +16,22 @@ pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> 
     simulation: Simulation<T, M, C, N>,
     pub(super) information: Information<T, N>,
     prior: Information<T, N>,
-    /// Points at which the model is linearised: within what is possible.
+    /// Parameters at which the model is linearised, within their bounds.
     pub(super) parameters: [T; N],
-    /// Rows so far, those that count for the next prior row to be renewed included.
+    /// Number of rows so far, which also selects the prior row that is renewed next.
     pub(super) rows: usize,
-    /// Squared deviations, and neighbouring ones multiplied, of force and tip against their noise.
+    /// Sums of squared standardized residuals of force and tip, and of the products of consecutive ones.
     pub(super) squares: T,
     products: T,
     last: [T; 2],
     pub(super) cost: T,
     pub(super) settled: bool,
-    /// Force and tip of the last row, predicted and measured, before the parameters have moved.
+    /// Force and tip of the last row, predicted and measured, before the parameters are updated.
     waiting: Option<[T; 4]>,
     pub(super) latest: Option<Estimate<T>>,
 }
 
-/// Largest change of the logarithm of the stiffness at once.
+/// Largest change of the logarithm of the stiffness in one step.
 const LARGEST_STEP: f64 = 1.0;
 /// Standard deviation of the logarithm of the stiffness before anything is measured: 95 % within a factor of a hundred of 10 kPa.
 const LOG_STIFFNESS_SD: f64 = 2.3;
@@ -80,7 +80,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         filter
     }
 
-    /// Starts from what another filter has found, segment by segment its mean: any measured start is better than none.
+    /// Starts from the mean of another filter's estimate in each segment, because a measured start is better than a fixed one.
     pub(super) fn start_from(&mut self, other: &Self) {
         let mut parameters = self.parameters;
         for segment in 0..self.layout.segments {
@@ -100,7 +100,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.latest = other.latest;
     }
 
-    /// Evidence of the rows for this layout against another.
+    /// Evidence of the rows for this layout, to compare it with another one.
     pub(super) fn evidence(&self) -> Evidence<T> {
         let [_, wide] = self.widening();
         Evidence {
@@ -121,7 +121,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         &self.parameters
     }
 
-    /// Back to the beginning, linearised at `parameters`.
+    /// Resets the filter to its beginning, linearised at `parameters`.
     pub(super) fn restart(&mut self, parameters: [T; N]) {
         self.simulation.restart();
         self.information = self.prior;
@@ -129,7 +129,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.field.set(&parameters, C);
         self.rows = 0;
         (self.squares, self.products) = (T::zero(), T::zero());
-        // Cost of the parameters themselves.
+        // Prior cost of the parameters.
         self.cost = (0..N).fold(T::zero(), |cost, index| {
             let (row, value) = self.prior.row(index);
             let residual = dot(&row, &parameters) - value;
@@ -137,7 +137,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         });
     }
 
-    /// Takes in one row at the parameters of the filter. Returns what was predicted and by how much it was off.
+    /// Takes in one row at the parameters of the filter. Returns the prediction and its residual.
     pub(super) fn absorb(
         &mut self,
         settings: &Settings<T, M>,
@@ -158,7 +158,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
             [(force_residual_n, predicted.force_by, force_at), (tip_residual_m, predicted.tip_by, tip_at)];
         for (i, (off, mut by, offset_at)) in channels.into_iter().enumerate() {
             by[offset_at] += T::one();
-            // Noise of the base's place is noise of what it makes of it.
+            // Noise of the base's position becomes noise of the predicted force and tip.
             let base = predicted.by_base[i] * deviation[2];
             let weight = root / (deviation[i] * deviation[i] + base * base).sqrt();
             let weighted = off * weight;
@@ -177,14 +177,14 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         Some([predicted.force_n, row.force_n - offset_n, predicted.tip_m, row.tip_m - offset_m])
     }
 
-    /// Root mean square of the deviations so far with this one, at least that of the noise: where the model is wrong as a whole,
-    /// everything deviates and nothing is an outlier.
+    /// Root mean square of the standardized residuals so far, at least 1. If the whole model is wrong, all residuals are large
+    /// and none is an outlier.
     fn usual(&self, off: T) -> T {
         let count: T = convert(2.0 * self.rows as f64 + 1.0);
         ((self.squares + off * off) / count).max(T::one()).sqrt()
     }
 
-    /// Forgets a little, but never what was known before the first row: one row of that is renewed at a time.
+    /// Forgets a little of the data, but not of the prior, of which one row is restored at a time.
     fn fade(&mut self, forgetting: T) {
         if forgetting >= T::one() {
             return;
@@ -195,8 +195,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.information.add(row.map(|factor| renewed * factor), renewed * value);
     }
 
-    /// The most probable parameters that are possible: what would leave its range is held at the range's end, and all others are
-    /// the most probable ones beside it.
+    /// The most probable parameters within their bounds: a parameter that would leave its range is fixed at the bound, and the
+    /// others maximize the posterior conditional on it.
     pub(super) fn solution(&self) -> [T; N] {
         let mut parameters = self.information.solve();
         let damping = field::DAMPING_RANGE.map(|value| convert::<f64, T>(value / field::DAMPING_UNIT));
@@ -225,7 +225,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         parameters
     }
 
-    /// The step towards `target`, not too far at once.
+    /// The step towards `target`, of limited length.
     pub(super) fn step_to(&self, target: &[T; N]) -> [T; N] {
         let mut largest = T::zero();
         for cell in 0..C {
@@ -251,7 +251,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.field.set(&self.parameters, C);
     }
 
-    /// Takes in a new row; [`Filter::conclude`] is to follow.
+    /// Takes in a new row. Call [`Filter::conclude`] next.
     pub fn take(
         &mut self,
         settings: &Settings<T, M>,
@@ -262,7 +262,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.waiting = self.absorb(settings, shape, row, deviation);
     }
 
-    /// Moves the parameters to what the last row has made of them, once.
+    /// Updates the parameters after the last row, once.
     pub fn conclude(&mut self) -> Option<Estimate<T>> {
         let row = self.waiting.take()?;
         let target = self.solution();
@@ -271,14 +271,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.latest
     }
 
-    /// The last estimate, with what is known now.
+    /// The last estimate, with the present information.
     pub fn last(&self) -> Option<Estimate<T>> {
         let latest = self.latest?;
         Some(self.estimate([latest.force_n, latest.measured_force_n, latest.tip_m, latest.measured_tip_m]))
     }
 
-    /// By how much intervals are wider than independent noise makes them: for a misfit of the model, and for deviations that
-    /// follow each other.
+    /// Inflation of the intervals relative to independent noise: for a misfit of the model, and for autocorrelated residuals.
     fn widening(&self) -> [T; 2] {
         let count: T = convert::<f64, T>(2.0 * self.rows as f64).max(T::one());
         let misfit = self.squares / count;
@@ -347,7 +346,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let twice = convert::<f64, T>(1.96) * sd;
         let low = (free - twice).max(T::zero());
         let high = (free + twice).max(twice);
-        // Four standard deviations, and a replay that has come to rest: checked after every row, two would be passed by chance.
+        // Four standard deviations, and a converged replay: the check is repeated after every row, so that two standard
+        // deviations would be exceeded by chance.
         let identifiability = if self.settled && free > convert::<f64, T>(4.0) * sd {
             Identifiability::Identified
         } else if variance * wide < prior_variance * convert(0.1) {

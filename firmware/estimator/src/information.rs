@@ -2,8 +2,8 @@
 //! (theory, eq. 52).
 //!
 //! Rows are taken in by rotations, which neither square the condition number nor can lose positive definiteness, at any
-//! precision. The prior before the first row keeps `R` regular throughout: information only grows or fades back towards
-//! it, so there is no wind-up.
+//! precision. The prior before the first row keeps `R` regular throughout: information grows, or decays back towards the prior,
+//! so that no wind-up occurs.
 
 use nalgebra::RealField;
 
@@ -40,7 +40,7 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
         }
     }
 
-    /// All information that is there counts by `factor`, 0 to 1, from now on.
+    /// Scales all present information by `factor`, 0 to 1.
     pub fn fade(&mut self, factor: T) {
         let root = factor.sqrt();
         for (row, z) in self.r.iter_mut().zip(&mut self.z) {
@@ -59,7 +59,7 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
         self.r.iter().enumerate().fold(T::zero(), |sum, (i, row)| sum + row[i].abs().ln())
     }
 
-    /// The most probable parameters; needs every parameter to be known somehow.
+    /// The most probable parameters. Every parameter needs some information.
     pub fn solve(&self) -> [T; N] {
         self.back(self.z)
     }
@@ -99,7 +99,7 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
         dot(&self.forward(one), &self.forward(other))
     }
 
-    /// The most probable parameters among those in which parameter `index` has the given value.
+    /// The most probable parameters conditional on the value of parameter `index`.
     pub fn hold(&self, parameters: [T; N], index: usize, value: T) -> [T; N] {
         let mut gradient = [T::zero(); N];
         gradient[index] = T::one();
@@ -200,7 +200,7 @@ mod tests {
             let variance = (gradient.transpose() * inverse * gradient)[0];
             prop_assert!((information.variance(gradient.into()) / variance - 1.0).abs() < 1e-9);
             let projected = information.hold(information.solve(), 1, 0.25);
-            // The gradient at the held solution points along the held parameter only.
+            // The gradient at the conditional solution points along the fixed parameter only.
             let slope = matrix * SVector::from(projected) - right;
             prop_assert!(slope[0].abs() < 1e-8 && slope[2].abs() < 1e-8 && projected[1] == 0.25);
         }

@@ -1,16 +1,16 @@
 //! Online estimator of the tissue's stiffness and damping while the needle goes in and its base moves sideways: no heap, any
-//! precision, a bounded amount of work per sample. It runs in the firmware as on the host.
+//! precision, a bounded amount of work per sample. It runs in the firmware and on the host.
 //!
 //! The estimated parameters are properties of the tissue at its depth ([`field`]), not of the insertion: mean values
-//! over the inserted part, which the spring-beam-damper paper estimates, follow from them. Samples are averaged into
-//! rows of about a millimetre of insertion, force, base and tip alike (the prefilter). For every row a simulation of
-//! the needle ([`simulation`]) predicts force and tip, and by how much each parameter changes them: two rows of least
-//! squares, taken into a square-root information filter ([`information`]).
+//! over the inserted part, which the spring-beam-damper paper estimates, follow from them. A prefilter averages force, base and
+//! tip of the samples into rows of about a millimetre of insertion. For every row a simulation of the needle ([`simulation`])
+//! predicts force and tip with their derivatives with respect to the parameters. They are two rows of least squares, which a
+//! square-root information filter ([`information`]) takes in.
 //!
-//! The simulation is not linear in the parameters. Rows that were taken in when the parameters were still wrong would stay
-//! wrong: so between two rows, one old row per sample, the whole insertion is replayed with the current parameters,
-//! and when the replay has caught up it takes the filter's place (Gauss-Newton, one step per replay, halved where it makes
-//! the fit worse). A start that is wrong by a factor of a hundred is forgotten within a few replays.
+//! The simulation is not linear in the parameters, so that rows from a time of wrong parameters would stay linearised there.
+//! Therefore the whole insertion is replayed with the current parameters, one old row per sample. When the replay has reached
+//! the newest row, it replaces the filter (Gauss-Newton, one step per replay, halved where it makes the fit worse). A start
+//! that is wrong by a factor of a hundred is corrected within a few replays.
 //!
 //! # Example
 //!
@@ -95,7 +95,7 @@ pub struct Sample<T> {
 pub struct Row<T> {
     /// Time since the row before.
     pub step_s: T,
-    /// Insertion depth; never less than before.
+    /// Insertion depth, which never decreases.
     pub depth_m: T,
     /// Lateral position of the base.
     pub base_m: T,
@@ -134,39 +134,40 @@ pub struct Settings<T, const M: usize> {
     pub layout: Layout,
     /// Length of a segment.
     pub segment_m: T,
-    /// End of the last segment; if it is not beyond its begin the segment is as long as the others.
+    /// End of the last segment. If it is not beyond the segment's start, the segment has the length of the others.
     pub reach_m: T,
     /// Length of a cell of tissue.
     pub cell_m: T,
-    /// A row ends when the needle has gone this much deeper ..
+    /// Insertion after which a row ends.
     pub row_m: T,
-    /// .. or its base this much sideways ..
+    /// Lateral motion of the base after which a row ends.
     pub row_base_m: T,
-    /// .. or after this time. Only the first of several rows without motion counts.
+    /// Time after which a row ends. Only the first of several rows without motion counts.
     pub row_s: T,
-    /// Standard deviation of a single force; taken from the samples themselves where it is 0.
+    /// Standard deviation of a single force; 0: estimated from the samples.
     pub force_sd_n: T,
-    /// Standard deviation of a single tip position; taken from the samples themselves where it is 0.
+    /// Standard deviation of a single tip position; 0: estimated from the samples.
     pub tip_sd_m: T,
-    /// Standard deviation of a single position of the base; taken from the samples themselves where it is 0.
+    /// Standard deviation of a single position of the base; 0: estimated from the samples.
     pub base_sd_m: T,
     /// Variation within a segment: standard deviation of the first order of the logarithm of stiffness, and of the
     /// first order of damping in its units; order n has an n-th of it.
     pub variation: T,
     /// Standard deviation of the force sensor's offset.
     pub force_offset_sd_n: T,
-    /// Standard deviation of the tip sensor's offset against the base.
+    /// Standard deviation of the tip sensor's offset relative to the base.
     pub tip_offset_sd_m: T,
     /// Start of the search: stiffness, N/m^2, and damping, N s/m^2.
     pub start: [T; 2],
-    /// Weight that a row keeps when another one comes; 1: nothing is forgotten.
+    /// Factor on the weight of the earlier rows at every new row; 1: no forgetting.
     pub forgetting: T,
-    /// Share of the tip's innovation that the simulated path takes over, per metre.
+    /// Fraction of the tip's innovation that corrects the simulated path, per metre of insertion.
     pub follow_per_m: T,
 }
 
 impl<T: RealField + Copy, const M: usize> Settings<T, M> {
-    /// Two segments of 40 mm, stiffness of order 5, damping of order 1, cells of 2 mm, rows of 1 mm; nothing known of the tissue.
+    /// Two segments of 40 mm, stiffness of order 5, damping of order 1, cells of 2 mm, rows of 1 mm, and a wide prior of the
+    /// tissue.
     pub fn new(length_m: T, moving_mass_kg: T, modes: [Mode<T>; M]) -> Self {
         Self {
             length_m,
@@ -203,7 +204,7 @@ pub enum SampleError {
     TooDeep,
 }
 
-/// Whether what was measured so far determines a value.
+/// Whether the data so far determine a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Identifiability {
     /// Within its interval.
@@ -236,7 +237,7 @@ pub struct Estimate<T> {
     pub stiffness: Value<T>,
     /// Mean damping over the inserted part, N s/m^2.
     pub damping: Value<T>,
-    /// Correlation of the two: near -1 or 1 only a combination of them is known.
+    /// Correlation of stiffness and damping: near -1 or 1 only a combination of them is determined.
     pub correlation: T,
     /// Position of the simulated tip, before this row was used.
     pub tip_m: T,
@@ -246,9 +247,9 @@ pub struct Estimate<T> {
     pub force_n: T,
     /// Measured force, without its offset.
     pub measured_force_n: T,
-    /// Squared deviations of all rows against the noise: 1 where model and noise are right.
+    /// Mean squared standardized residual of all rows: 1 where model and noise are right.
     pub misfit: T,
-    /// The information is from a replay whose parameters no longer change: intervals can be trusted.
+    /// Whether the information is from a converged replay, so that the intervals are valid.
     pub settled: bool,
 }
 
@@ -256,13 +257,13 @@ pub struct Estimate<T> {
 /// `-cost / (2 wide) - occam`, by Laplace's method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evidence<T> {
-    /// Squared deviations of all rows against the noise.
+    /// Sum of the squared standardized residuals of all rows.
     pub squares: T,
-    /// The same, outliers trusted less, with what the parameters cost against what was known of them before.
+    /// Robust cost: the same sum with outliers down-weighted, plus the prior cost of the parameters.
     pub cost: T,
-    /// Half the logarithm of the determinant of the information over that before the first row.
+    /// Half the logarithm of the determinant of the information, less that of the prior.
     pub occam: T,
-    /// Factor by which variances are larger than independent noise makes them.
+    /// Variance inflation relative to independent noise.
     pub wide: T,
 }
 
@@ -300,8 +301,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         })
     }
 
-    /// Takes a sample; gives what is known where the sample before it completed a row (the row is taken in with one sample and
-    /// weighed with the next, so that no sample takes long).
+    /// Takes a sample. Returns an estimate where the sample before completed a row: the filter takes the row in with one sample
+    /// and updates the parameters with the next, which bounds the work per sample.
     ///
     /// # Errors
     /// [`SampleError`]; the sample is skipped and nothing else changes.
@@ -316,7 +317,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
                 if self.rows.is_full() {
                     self.condense();
                 }
-                // There is room now: half the rows are gone.
+                // Half the rows were merged, so that there is room.
                 let _ = self.rows.push(row);
             }
             None if estimate.is_some() => {}
@@ -355,7 +356,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         self.replay.renew(&self.live);
     }
 
-    /// One row of the replay; at its end it takes the filter's place.
+    /// Replays one row. A complete replay replaces the filter.
     fn replay_one(&mut self) {
         let deviation = self.noise.deviation();
         self.replay.step(&self.settings, &self.shape, &self.rows, deviation, &mut self.live);
@@ -376,8 +377,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         (cell < C).then(|| self.live.stiffness_of(&[(cell, T::one())]))
     }
 
-    /// The same rows with other segments, cells and variation, the parameters not yet found: [`Tracker::finish`] finds
-    /// them.
+    /// The same rows with other segments, cells and variation. The parameters are still those of the prior; [`Tracker::finish`]
+    /// estimates them.
     pub fn resegmented(&self, segment_m: T, cell_m: T, variation: T) -> Self {
         let settings = Settings { segment_m, cell_m, variation, ..self.settings };
         let mut live = Filter::new(&settings);
@@ -397,7 +398,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         self.live.parameters()
     }
 
-    /// No more samples: replays until the parameters rest, then returns the final estimate.
+    /// Ends the stream: replays until the parameters converge, then returns the final estimate.
     pub fn finish(&mut self) -> Option<Estimate<T>> {
         let _ = self.live.conclude();
         let most = 40 * (self.rows.len() + 1);

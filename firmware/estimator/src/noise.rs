@@ -1,5 +1,4 @@
-//! From samples to rows: the prefilter, and the noise of the samples from the samples themselves
-//! (theory, eq. 53).
+//! The prefilter, which averages samples into rows, and the estimate of the samples' noise (theory, eq. 53).
 
 use super::{Row, Sample, SampleError, Settings};
 use nalgebra::{RealField, convert};
@@ -7,7 +6,7 @@ use nalgebra::{RealField, convert};
 /// Standard deviations of a single sample: force, tip and base.
 pub type StandardDeviations<T> = [T; 3];
 
-/// The row that is being filled, and the noise so far.
+/// The row under construction, and the noise estimate so far.
 #[derive(Debug, Clone)]
 pub struct Noise<T> {
     stated: StandardDeviations<T>,
@@ -21,7 +20,7 @@ pub struct Noise<T> {
     start_s: T,
     start_depth_m: T,
     start_base_m: T,
-    /// The row before was a rest.
+    /// Whether the previous row had no motion.
     rested: bool,
     /// Second differences: how many, and their squares.
     pairs: T,
@@ -29,7 +28,7 @@ pub struct Noise<T> {
     previous: Option<Sample<T>>,
 }
 
-/// Largest values that are numbers to us, in SI units.
+/// Largest values that are accepted, in SI units.
 const LARGEST: f64 = 1e6;
 
 impl<T: RealField + Copy> Noise<T> {
@@ -53,7 +52,7 @@ impl<T: RealField + Copy> Noise<T> {
         }
     }
 
-    /// Takes a sample; gives a row where it is full.
+    /// Takes a sample, and returns the row that it completes, if any.
     pub fn take<const M: usize>(
         &mut self,
         sample: &Sample<T>,
@@ -74,7 +73,7 @@ impl<T: RealField + Copy> Noise<T> {
             return Err(SampleError::TooDeep);
         }
         self.learn(sample);
-        // A needle that is drawn back a little keeps its path.
+        // A slight retraction of the needle does not change its path.
         self.depth_m = self.depth_m.max(depth_m);
         if self.count == T::zero() {
             (self.start_s, self.start_depth_m, self.start_base_m) = (time_s, self.depth_m, base_m);
@@ -107,14 +106,14 @@ impl<T: RealField + Copy> Noise<T> {
         Ok(Some(row))
     }
 
-    /// Second differences: what moves evenly cancels, independent noise counts six times its variance.
+    /// Second differences: motion at constant speed cancels, and independent noise appears with six times its variance.
     fn learn(&mut self, sample: &Sample<T>) {
         if let (Some(last), Some(previous)) = (self.last, self.previous) {
             let second = |now: T, last: T, previous: T| now - last - last + previous;
             let force = second(sample.force_n, last.force_n, previous.force_n);
             let tip = second(sample.tip_m, last.tip_m, previous.tip_m);
             let bounded = |square: T, sum: T, pairs: T| {
-                // A jump counts as what has been usual, ninefold.
+                // A jump is clipped at nine times the mean square so far.
                 let most = convert::<f64, T>(9.0) * sum / pairs.max(T::one());
                 if pairs < convert(8.0) { square } else { square.min(most) }
             };

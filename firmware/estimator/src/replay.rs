@@ -1,5 +1,5 @@
-//! The replay that keeps the filter consistent: all rows again, one at a time, at the current parameters
-//! (theory, eq. 54).
+//! The replay, which keeps the filter consistent: it takes in all rows again, one at a time, at the current parameters (theory,
+//! eq. 54).
 
 use super::filter::Filter;
 use super::information::dot;
@@ -13,30 +13,31 @@ use nalgebra::{RealField, convert};
 pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> {
     filter: Filter<T, M, C, N>,
     next: usize,
-    /// The best parameters of all whole replays, the number of their rows, and their cost.
+    /// The best parameters of all complete replays, their number of rows, and their cost.
     best: Option<([T; N], usize, T)>,
-    /// Cost of this replay when it had as many rows as the best one.
+    /// Cost of this replay at the number of rows of the best one.
     cost_then: T,
     halvings: u8,
-    /// Replays in a row that were too far from the best parameters to be accepted.
+    /// Number of consecutive replays that were too far from the best parameters to be accepted.
     far: u8,
-    /// Rows of the last replay whose parameters came to rest.
+    /// Number of rows of the last converged replay.
     settled_rows: usize,
     settled: bool,
 }
 
-/// A replay is far from the best parameters where this share of its squared deviations, and this much, would be gone with a
-/// step; so many of them in a row.
+/// A replay is far from the best parameters where a step would remove this fraction of its squared residuals, and this absolute
+/// amount; the third number is the limit of consecutive ones.
 const FAR_SHARE: f64 = 0.5;
 const FAR_LEAST: f64 = 25.0;
 const MAX_FAR: u8 = 10;
-/// A step has made the fit worse where deviations have grown by this factor and this much. The kept rows are the newest
-/// ones too: the older ones may well lose a little.
+/// A step has made the fit worse where the squared residuals have grown by this factor and by this absolute amount. New rows
+/// have come in the meantime, so that the fit of the older ones may lose a little.
 const WORSE_SHARE: f64 = 1.3;
 const WORSE_LEAST: f64 = 5.0;
-/// A replay has come to rest where its step is this short, squared, in standard deviations of the eighteen parameters together.
+/// A replay has converged where the squared length of its step, in standard deviations of all eighteen parameters together, is
+/// below this.
 const SETTLED: f64 = 1.0;
-/// Most halvings of a step.
+/// Largest number of halvings of a step.
 const MAX_HALVINGS: u8 = 6;
 
 impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay<T, M, C, N> {
@@ -62,7 +63,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         self.settled
     }
 
-    /// One row further; or, behind the last one, the live filter continues from here.
+    /// Advances by one row. After the last row the live filter continues from this replay.
     pub fn step(
         &mut self,
         settings: &Settings<T, M>,
@@ -71,7 +72,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         deviation: StandardDeviations<T>,
         live: &mut Filter<T, M, C, N>,
     ) {
-        // Rest until there are a few more rows.
+        // Pauses until there are a few more rows.
         if self.settled && rows.len() < self.settled_rows + 1 + self.settled_rows / 16 {
             return;
         }
@@ -89,7 +90,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         }
     }
 
-    /// The rows are others now: everything that was found with the old ones is forgotten.
+    /// The rows were merged, so that all results of the old ones are discarded.
     pub fn renew(&mut self, live: &Filter<T, M, C, N>) {
         (self.best, self.halvings, self.far, self.settled, self.settled_rows) = (None, 0, 0, false, 0);
         self.begin(live.parameters);
@@ -107,7 +108,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
             && self.next < rows + rows / 4
             && self.cost_then > cost * convert(WORSE_SHARE) + convert(WORSE_LEAST)
         {
-            // Worse than where it came from: half the way back.
+            // The fit is worse than before the step, so that the step is halved.
             self.halvings += 1;
             let mut midpoint = best;
             for (midpoint, here) in midpoint.iter_mut().zip(&self.filter.parameters) {
@@ -120,7 +121,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         let filter = &mut self.filter;
         self.best = Some((filter.parameters, self.next, filter.cost));
         let target = filter.solution();
-        // At rest where the step is small against what is not known.
+        // Converged where the step is small against the posterior's standard deviations.
         let mut misfit = T::zero();
         for index in 0..N {
             let (row, _) = filter.information.row(index);
@@ -129,9 +130,9 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
             let row_change = dot(&row, &step);
             misfit += row_change * row_change;
         }
-        // If most of the misfit would vanish with the step, the step is long and its outcome not certain. While the
-        // live filter does better it is not replaced: the next replay begins at the step's end, and after many of them
-        // where the live filter is.
+        // If the step would remove most of the misfit, it is long and its outcome uncertain. The live filter is then kept while
+        // it fits better. The next replay begins at the end of the step, or, after many such replays, at the parameters of the
+        // live filter.
         let is_converged = misfit < filter.squares * convert(FAR_SHARE) || misfit < convert(FAR_LEAST);
         if !is_converged && filter.squares > live.squares {
             self.far += 1;
@@ -153,7 +154,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         filter.settled = self.settled;
         filter.latest = live.latest;
         *live = filter.clone();
-        // Deviations that remain after the step, to first order.
+        // Squared residuals after the step, to first order.
         live.squares = (live.squares - misfit).max(live.squares * convert(0.1));
         live.move_to(&target);
         self.begin(live.parameters);

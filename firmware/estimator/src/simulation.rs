@@ -1,10 +1,11 @@
-//! The needle in the tissue, row after row, with the derivatives of all it does with respect to the
-//! parameters (theory, eq. 51).
+//! Simulation of the needle in the tissue, row by row, with the derivatives of all results with respect to the parameters
+//! (theory, eq. 51).
 //!
 //! The steering model with its base at the measured place, without inertia of the needle (its slowest mode is a hundred times
 //! faster than a row): `(Xi + sum psi psi^T (k + c/dt)) q = ..`, `w = y_b + psi q`. Springs pull towards the path that the
-//! *simulated* tip has cut, so that noise of the tip's measurement does not become part of the model; dampers against the velocity of
-//! the simulated shape. Both remember how they depend on the parameters: when these change, the past is corrected with them.
+//! *simulated* tip has cut, so that noise of the tip's measurement does not become part of the model; dampers act against the
+//! velocity of the simulated shape. Path and shape keep their derivatives with respect to the parameters, so that a change of
+//! these corrects the past too.
 
 use super::Row;
 use super::field::{DAMPING_UNIT, Field};
@@ -15,11 +16,11 @@ use nalgebra::{RealField, SMatrix, SVector, convert};
 #[derive(Debug, Clone)]
 pub struct Simulation<T: RealField, const M: usize, const C: usize, const N: usize> {
     cell_m: T,
-    /// Upper face of each cell: integers are slow to turn into numbers on a microcontroller.
+    /// Upper face of each cell. It is stored because the conversion of integers to floating point is slow on a microcontroller.
     tops_m: [T; C],
     length_m: T,
     moving_mass_kg: T,
-    /// Share of the tip's innovation that the path takes over, per metre.
+    /// Fraction of the tip's innovation that corrects the path, per metre.
     follow_per_m: T,
     depth_m: T,
     base_m: T,
@@ -28,7 +29,7 @@ pub struct Simulation<T: RealField, const M: usize, const C: usize, const N: usi
     tip_by: [T; N],
     amplitudes: SVector<T, M>,
     amplitudes_by: [[T; N]; M],
-    /// The row before the last: where the base and the amplitudes were, and the time between the two.
+    /// State at the row before the last: base, amplitudes, and the time between the two rows.
     earlier: Earlier<T, M, N>,
     /// Integral of the path over the part of each cell that is cut.
     cut: [T; C],
@@ -51,13 +52,13 @@ struct Earlier<T: RealField, const M: usize, const N: usize> {
 pub struct Predicted<T: RealField, const M: usize, const N: usize> {
     /// Force at the base.
     pub force_n: T,
-    /// Tip against the base's first place.
+    /// Tip relative to the first position of the base.
     pub tip_m: T,
     /// Derivatives of the force.
     pub force_by: [T; N],
     /// Derivatives of the tip.
     pub tip_by: [T; N],
-    /// Derivatives of force and tip with respect to where the base is now.
+    /// Derivatives of force and tip with respect to the present position of the base.
     pub by_base: [T; 2],
     amplitudes: SVector<T, M>,
     amplitudes_by: [[T; N]; M],
@@ -65,7 +66,7 @@ pub struct Predicted<T: RealField, const M: usize, const N: usize> {
 }
 
 impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simulation<T, M, C, N> {
-    /// Straight, along its own line, from the depth and base of the first row on.
+    /// A straight needle at the depth and base of the first row.
     pub fn new(cell_m: T, length_m: T, moving_mass_kg: T, follow_per_m: T) -> Self {
         let zero = T::zero();
         let mut tops_m = [zero; C];
@@ -100,7 +101,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         }
     }
 
-    /// Back to the beginning.
+    /// Resets the simulation to its beginning.
     pub fn restart(&mut self) {
         *self = Self::new(self.cell_m, self.length_m, self.moving_mass_kg, self.follow_per_m);
     }
@@ -122,8 +123,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         [low_m, (top_m + self.cell_m).min(to_m).max(low_m)]
     }
 
-    /// A velocity at a row is `rate (now - last_share last - earlier_share earlier)`: the backward difference of second order for
-    /// steps of any length, of first order at the second row; nothing moves before the first.
+    /// A velocity at a row is `rate (now - last_share last - earlier_share earlier)`: the backward difference of second order
+    /// for steps of any length, of first order at the second row. Before the first row the needle is at rest.
     fn rates(&self, row: &Row<T>) -> [T; 3] {
         let (zero, unit) = (T::zero(), T::one());
         if self.rows == 0 {
@@ -153,11 +154,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let advance_m = row.depth_m - self.depth_m;
         let first = self.rows == 0;
         let [rate, last_share, earlier_share] = self.rates(row);
-        // Time from which the velocity is counted: with the last two rows it is of second order.
+        // Past value for the velocity's difference quotient, which is of second order with the last two rows.
         let mix = |last: T, earlier: T| last_share * last + earlier_share * earlier;
         let from_base_m = mix(self.base_m, self.earlier.base_m);
         let extrapolated = self.amplitudes * last_share + self.earlier.amplitudes * earlier_share;
-        // Before the first row the needle lay straight with its base where it is.
+        // Before the first row the needle was straight, with its base at the present position.
         let start_tip_m = if first { row.base_m } else { self.tip_m };
         let mut mode_values = shape.mode_values(self.length_m - row.depth_m + self.cell_m * half);
         let mut loads = [CellLoad::default(); C];
@@ -249,7 +250,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
                 .skip(parameter)
                 .zip(basis)
                 .for_each(|(gradient, &basis)| *gradient += spring * basis);
-            // At no damping too: what more of it would do.
+            // At zero damping too: the derivative is the effect of some damping.
             let velocity = (deflection_m - before) * rate * length_m * unit;
             let (parameter, basis) = field.damping_basis(cell);
             gradient
@@ -278,7 +279,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         Some(Predicted { force_n, tip_m, force_by, tip_by, by_base, amplitudes, amplitudes_by, speed_m_s })
     }
 
-    /// Goes on to a row. `innovation_m`: how far the measured tip is from the predicted one.
+    /// Advances to a row. `innovation_m`: measured less predicted tip.
     pub fn advance(&mut self, row: &Row<T>, predicted: &Predicted<T, M, N>, innovation_m: T) {
         let half: T = convert(0.5);
         let first = self.rows == 0;
@@ -319,7 +320,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         self.rows += 1;
     }
 
-    /// Corrects the past, to first order, for parameters that change by `step`.
+    /// Corrects the past, to first order, for a change of the parameters by `step`.
     pub fn shift(&mut self, step: &[T; N]) {
         let along = |by: &[T; N]| super::information::dot(by, step);
         self.tip_m += along(&self.tip_by);

@@ -1,6 +1,6 @@
 //! The two tasks at the serial port: bytes to commands, and items to frames.
 //!
-//! Both show that they run even while nothing comes or the line takes nothing.
+//! Both check in even while no byte arrives or the line is blocked.
 
 use super::{Background, CHECK_IN, COMMANDS, OUTBOX, RECEIVE_COUNTERS};
 use crate::board::{BootInfo, pins};
@@ -16,7 +16,7 @@ use protocol::{
     encode_envelope,
 };
 
-/// Interval at which room in the port's buffer is polled.
+/// Interval at which free space in the port's buffer is polled.
 const ROOM: Duration = Duration::from_millis(10);
 
 #[embassy_executor::task]
@@ -42,7 +42,7 @@ pub(super) async fn receive(mut port: BufferedUartRx<'static>) {
                     }
                 }
             }
-            // Overrun, framing or noise: the frame it hit fails its checksum.
+            // Overrun, framing error or noise: the affected frame fails its checksum.
             Ok(Err(_)) => line_errors = line_errors.saturating_add(1),
         }
         let losses = receiver.losses();
@@ -91,7 +91,7 @@ pub(super) async fn send(port: BufferedUartTx<'static>, boot: BootInfo, calibrat
     }
 }
 
-/// The outbox: numbers the frames and writes them.
+/// Sends the outbox: numbers the frames and writes them.
 struct Link {
     port: BufferedUartTx<'static>,
     boot_id: u32,
@@ -110,8 +110,8 @@ impl Link {
     }
 
     /// Writes all bytes, however long the line takes. A frame that the port refuses is a gap in the sequence, which the host
-    /// counts. The driver may forget to wake a writer that found too little room, so it is polled again: twice before a full
-    /// buffer runs dry.
+    /// counts. The driver may miss to wake a writer that found too little room. Therefore it is polled, twice in the time in
+    /// which a full buffer is sent.
     async fn write(&mut self, mut bytes: &[u8]) {
         while !bytes.is_empty() {
             Background::Send.checks_in();

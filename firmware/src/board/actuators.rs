@@ -29,7 +29,7 @@ impl<T: GeneralInstance4Channel> Bridge<T> {
     }
 
     fn drive(&mut self, duty: f32) {
-        // A duty that is not a number brakes, as zero does: the comparison is false and the cast gives 0.
+        // A duty of NaN brakes, as zero does: the comparison is false and the cast gives 0.
         let brake = self.full - ((duty.abs().min(1.0) * self.full as f32) as u32).min(self.full);
         let (in1, in2) = if duty > 0.0 { (self.full, brake) } else { (brake, self.full) };
         self.in1.set_duty_cycle(in1);

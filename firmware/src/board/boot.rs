@@ -12,27 +12,28 @@ pub struct BootInfo {
     pub boot_id: u32,
     /// Why it happened.
     pub reset_reason: ResetReason,
-    /// Place and message of the panic that ended the run before.
+    /// Location and message of the panic that ended the previous run.
     pub last_panic: Option<Text<PANIC_BYTES>>,
-    /// Fault and heat of the run before.
+    /// Fault and motor use of the previous run.
     pub retained: Option<ControllerState>,
-    /// The watchdog has ended the starts before this one while they read the sensors, or soon after: they are not read, so that a host is
-    /// answered.
+    /// Whether the watchdog ended the previous starts while they read the sensors, or soon after. The sensors are then not
+    /// read, so that the device can answer a host.
     pub is_blind: bool,
 }
 
-/// Starts on end that the watchdog ends before a sensor is no longer read.
+/// Number of consecutive starts ended by the watchdog after which no sensor is read.
 const HANGS: u32 = 3;
 
 impl BootInfo {
-    /// The program before did not end as it should: it ran away, panicked, or the supply sagged.
+    /// Whether the previous run ended abnormally: by the watchdog, a panic or a sag of the supply.
     pub fn is_unexpected(&self) -> bool {
         matches!(self.reset_reason, ResetReason::Watchdog | ResetReason::BrownOut)
             || self.last_panic.is_some()
     }
 }
 
-/// Reads the reset flags, which it clears; the identity is set when the start is counted. Returns also the calibration that is to be stored.
+/// Reads and clears the reset flags. Returns the calibration that is to be stored too. The identity is set later, when the
+/// start is counted.
 pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
     let retained = retained::take();
     let flags = RCC.csr().read();
@@ -44,7 +45,7 @@ pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
     } else if flags.sftrstf() {
         ResetReason::Software
     } else if flags.borrstf() {
-        // Power coming on and power sagging below the threshold set the same flag; memory outlives only the latter.
+        // Power-on and a sag of the supply below the threshold set the same flag; only the latter leaves the memory intact.
         if retained.kept { ResetReason::BrownOut } else { ResetReason::PowerOn }
     } else if flags.lpwrrstf() || flags.oblrstf() || flags.fwrstf() {
         ResetReason::Other

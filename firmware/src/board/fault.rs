@@ -1,9 +1,10 @@
-//! The end of the road: panics, hard faults and a stack that is used up put the bridges' inputs low, leave word for the next run and reset.
+//! Fatal errors: panics, hard faults and a stack overflow drive the bridges' inputs low, leave a message for the next run and
+//! reset the chip.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::pac::FLASH;
 
-/// Whether a panic restarts the program. One that only runs tests ends instead.
+/// Whether a panic restarts the program. A test program ends instead.
 static RESTARTS: AtomicBool = AtomicBool::new(cfg!(not(any(feature = "qemu", feature = "conformance"))));
 
 /// From here on a panic restarts the program, in QEMU too.
@@ -36,7 +37,7 @@ fn panic(info: &core::panic::PanicInfo) -> ! {
     stop()
 }
 
-/// Leaves place and message for the next run: place first, as a long message is cut off.
+/// Leaves location and message for the next run: the location first, as a long message is cut off.
 fn leave(info: &core::panic::PanicInfo) {
     match info.location() {
         Some(place) => super::retained::leave_panic(&format_args!("{place}: {}", info.message())),
@@ -44,7 +45,7 @@ fn leave(info: &core::panic::PanicInfo) {
     }
 }
 
-/// The panic of defmt's assertions is the panic.
+/// An assertion of defmt panics like any other.
 #[defmt::panic_handler]
 fn defmt_panic() -> ! {
     cortex_m::interrupt::disable();
@@ -52,8 +53,8 @@ fn defmt_panic() -> ! {
     stop()
 }
 
-/// Flash whose programming was cut off reads with an error that its check code cannot mend, and the chip reports it here. The flag is
-/// cleared and the reader finds by its own checksum that what it has read is nothing.
+/// Flash whose programming was interrupted has an uncorrectable ECC error, which the chip reports here on reading. The flag is
+/// cleared; the reader rejects the data by its own checksum.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let damaged = FLASH.eccr().read().eccd();
@@ -63,7 +64,7 @@ unsafe fn NonMaskableInt() {
     }
 }
 
-/// A hard fault that ends the run. The frame that it came from may not have been stacked, where the stack was used up.
+/// A hard fault that ends the run. After a stack overflow its exception frame may be missing.
 pub(crate) fn hard_fault(status: u32, address: u32, pc: u32) -> ! {
     super::bridges::hold_off();
     if super::guard::is_hit(status, address) {

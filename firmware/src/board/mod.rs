@@ -1,8 +1,8 @@
 //! The board: clocks, drivers and start-up. A feature chooses the board ([`pins`]).
 //!
-//! [`take`] does all of it once and returns the pieces; the drivers are those of `embassy-stm32` and are the same on the
-//! board and in QEMU. The two images differ in what happens before and beneath: in QEMU a trap layer stands in for the
-//! peripherals that QEMU lacks, and time comes from SysTick instead of TIM5.
+//! [`take`] starts the board once and returns the parts; the drivers are those of `embassy-stm32` and are the same on the board
+//! and in QEMU. The image for QEMU has a layer below the drivers that emulates the peripherals which QEMU lacks, and takes the
+//! time from SysTick instead of TIM5.
 
 mod actuators;
 mod boot;
@@ -38,7 +38,7 @@ use static_cell::StaticCell;
 /// The serial port to the host.
 pub type Serial = BufferedUart<'static>;
 
-/// Everything the program gets from the board.
+/// The parts of the board that the program uses.
 pub struct Board {
     /// Potentiometers, force converter, emergency stop.
     pub sensors: BoardSensors,
@@ -69,8 +69,8 @@ fn UART5() {
     unsafe { CONTROL.on_interrupt() }
 }
 
-/// Runs everything else in the interrupt of UART4, which is unused too: thread mode only sleeps, by an instruction that
-/// sleeps in QEMU as well (QEMU takes the executor's wait-for-event as "go on at once").
+/// Runs everything else in the interrupt of UART4, which is unused too: thread mode only sleeps, by an instruction that sleeps
+/// in QEMU as well (QEMU does not sleep at the executor's wait-for-event).
 static BACKGROUND: InterruptExecutor = InterruptExecutor::new();
 
 #[cortex_m_rt::interrupt]
@@ -84,14 +84,14 @@ pub fn take() -> Board {
     #[cfg(feature = "qemu")]
     crate::qemu::install();
     let (mut boot, to_store) = boot::read();
-    // Before anything is on it: how far the stack reaches is measured from here.
+    // Painted while the stack is nearly empty: its depth is measured from here.
     cortex_m_stack::repaint_stack();
     guard::close();
     let mut pins = pins::assign(embassy_stm32::init(pins::clocks()));
     #[cfg(feature = "qemu")]
     crate::qemu::start_time();
 
-    // The watchdog does not run yet, so that the store may take its time.
+    // The watchdog does not run yet, so that a store may take longer than its limit.
     let mut store = Store::new(pins.store.flash);
     boot.boot_id = boot::boot_id(count_start(&mut store));
     let (calibration, origin) = calibration(store, to_store);
@@ -125,7 +125,7 @@ pub fn take() -> Board {
     Board { sensors, actuators, panel, serial, calibration, origin, boot, control, background }
 }
 
-/// Counts this start in the flash; its number.
+/// Counts this start in the flash and returns its number.
 fn count_start(store: &mut Store) -> u32 {
     let mut pages = [[0; STORE_BYTES]; starts::PAGES];
     for (page, bytes) in (SLOTS..).zip(&mut pages) {
@@ -140,12 +140,12 @@ fn count_start(store: &mut Store) -> u32 {
     next.count
 }
 
-/// Stores what is to be stored, and reads what is. Without a valid record it is the rig as designed, which the hello
-/// reports.
+/// Stores a new calibration, if there is one, and reads the stored one. Without a valid record the constants are those of the
+/// rig as designed, which the hello reports.
 fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibration, Origin) {
     let mut choice = choose(&mut store);
     if let Some(record) = to_store {
-        // The other page is erased for it, so that power may fail at any time.
+        // The record goes into the other page, so that a power cut at any time leaves one record intact.
         if let Err(error) = store.write(choice.next.slot, &to_stored(&record, choice.next.sequence)) {
             defmt::error!("the calibration was not stored: {}", error);
         }

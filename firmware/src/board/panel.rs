@@ -7,10 +7,10 @@ use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 
-/// Time in which the sensors are set up, microseconds: a hundred times what they take.
+/// Time limit for the set-up of the sensors, microseconds: a hundred times its duration.
 const START_TIMEOUT_US: u32 = 500_000;
 
-/// From here on the start must not hang: a sensor that never answers ends it.
+/// From here on the watchdog ends a start that hangs, for example at a sensor that never answers.
 pub(super) fn watch_start(watchdog: &mut Peri<'static, IWDG>) {
     IndependentWatchdog::new(watchdog.reborrow(), START_TIMEOUT_US).unleash();
 }
@@ -22,7 +22,7 @@ pub struct BoardPanel {
 }
 
 impl BoardPanel {
-    /// Sets the watchdog to the time of the control task: from here on it must be fed.
+    /// Sets the watchdog to the time limit of the control task, which has to feed it from here on.
     pub(super) fn new(pins: PanelPins) -> Self {
         let mut watchdog = IndependentWatchdog::new(pins.watchdog, WATCHDOG_TIMEOUT_US);
         watchdog.unleash();

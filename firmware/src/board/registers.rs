@@ -1,29 +1,29 @@
-//! The registers that decide how fast, how exactly and how safely everything runs, read back once it does.
+//! Registers that determine speed, accuracy and safety, read back after the start.
 //!
 //! Their required contents are stated here in bits, from the chip's reference manual (RM0351, sections in brackets);
-//! the drivers set them from frequencies and modes. The log names every value at the start, where a test compares it
-//! with the quantities that are meant. A register that holds something else ends the run: the device restarts, and its
-//! next hello names the register.
+//! the drivers set them from frequencies and modes. The log states every value at the start, and a test converts it to
+//! frequencies and times and compares these. A register with another content ends the run: the device restarts, and its next
+//! hello names the register.
 
 use super::pins;
 use embassy_stm32::pac::{ADC1, FLASH, IWDG, PWR, RCC, SPI1, TIM2, TIM3};
 
-/// A register with the bits that matter.
+/// A register with its relevant bits.
 pub(crate) struct Register {
     name: &'static str,
     read: fn() -> u32,
-    /// The bits that matter.
+    /// Mask of the relevant bits.
     mask: u32,
     /// Required content.
     expected: u32,
 }
 
-/// A register by its name, with the bits that matter and what they have to be.
+/// A register by its name, with the relevant bits and their required content.
 pub(crate) const fn register(name: &'static str, read: fn() -> u32, mask: u32, expected: u32) -> Register {
     Register { name, read, mask, expected }
 }
 
-/// Those that are the same on every board; the rest is in its file of pins.
+/// Registers that are the same on every board. The others are in the board's file of pins.
 const REGISTERS: [Register; 17] = [
     // Voltage range 1, without which 80 MHz is too fast [5.4.1].
     register("PWR.CR1", || PWR.cr1().read().0, 0b11 << 9, 0b01 << 9),
@@ -59,18 +59,18 @@ const REGISTERS: [Register; 17] = [
     ),
 ];
 
-/// Brown-out reset level in the option bytes [3.4.1]: power that sags below it resets the chip.
+/// Brown-out reset level in the option bytes [3.4.1]: a supply below it resets the chip.
 const fn brown_out_level(options: u32) -> u32 {
     options >> 8 & 0b111
 }
 
-/// The level that the boards' 3.3 V allow: reset below 2.8 V. Chips come with level 0, 1.7 V.
+/// The highest level that a supply of 3.3 V allows: reset below 2.8 V. New chips have level 0, 1.7 V.
 const BROWN_OUT_LEVEL: u32 = 4;
 
-/// Reads all of them back; once everything runs.
+/// Reads all registers back. Call it when everything runs.
 ///
 /// # Panics
-/// Where a register holds something else than it has to.
+/// If a register does not have its required content.
 pub fn verify() {
     for register in REGISTERS.iter().chain(&pins::REGISTERS) {
         let value = (register.read)();

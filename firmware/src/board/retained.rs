@@ -1,7 +1,8 @@
-//! State that outlives a reset, in memory that start-up leaves alone: how often the watchdog has ended a start, the
-//! last panic, a calibration that is to be stored at the next start, the latched fault and how the motors were driven.
+//! State that survives a reset, in memory that start-up does not initialize: the number of starts that the watchdog has ended,
+//! the last panic, a calibration that is to be stored at the next start, the latched fault and the motors' use of their duty
+//! cycle.
 //!
-//! After power-on the memory holds anything, so that every part carries its own check.
+//! At power-on the content of the memory is arbitrary, so that every part has its own check.
 
 use control::retained::{ControllerState, RETAINED_BYTES};
 use control::slots::{STORED_BYTES, from_stored, to_stored};
@@ -10,7 +11,7 @@ use core::mem::MaybeUninit;
 use core::ptr;
 use protocol::{CalibrationRecord, PANIC_BYTES, Text};
 
-/// Marks the memory as kept.
+/// Marks the memory as valid.
 const KEPT_MAGIC: u32 = 0x6E65_6564;
 /// Marks the text of a panic as valid.
 const PANIC_MAGIC: u32 = 0x7061_6E63;
@@ -31,30 +32,30 @@ struct Retained {
 #[unsafe(link_section = ".uninit.retained")]
 static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 
-/// Works on the memory.
+/// Gives access to the memory.
 ///
 /// # Safety
-/// Nothing else may work on it meanwhile: start-up before any task runs, or code with interrupts off.
+/// Only one caller at a time: start-up before any task runs, or code with interrupts off.
 unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
     // SAFETY: every bit pattern is a valid value of every field; the caller ensures that there is one reference at a time.
     work(unsafe { &mut *ptr::addr_of_mut!(RETAINED).cast::<Retained>() })
 }
 
-/// State that the last run has left.
+/// State from the previous run.
 pub(super) struct RetainedState {
     /// Restarts by the watchdog on end, none of which ran for long.
     pub(super) hangs: u32,
-    /// The memory was kept: power had been on before.
+    /// Whether the memory was valid, that is, the power was on before.
     pub(super) kept: bool,
-    /// Place and message of the panic that ended the last run.
+    /// Location and message of the panic that ended the previous run.
     pub(super) panic: Option<Text<PANIC_BYTES>>,
     /// A calibration that is to be stored.
     pub(super) calibration: Option<CalibrationRecord>,
-    /// Fault and heat.
+    /// Fault and motor use.
     pub(super) controller: Option<ControllerState>,
 }
 
-/// Takes what the last run has left; call it once, before any task runs.
+/// Takes the state from the previous run. Call it once, before any task runs.
 pub(super) fn take() -> RetainedState {
     // SAFETY: no task runs yet.
     unsafe {
@@ -75,18 +76,18 @@ pub(super) fn take() -> RetainedState {
     }
 }
 
-/// Counts restarts by the watchdog on end.
+/// Counts consecutive restarts by the watchdog.
 pub(super) fn count_hangs(hangs: u32) {
     // SAFETY: interrupts are off.
     cortex_m::interrupt::free(|_| unsafe { with(|retained| retained.hangs = hangs) });
 }
 
-/// This start has run for long enough to be none that hangs.
+/// Notes that this start has run long enough not to count as one that hangs.
 pub fn runs() {
     count_hangs(0);
 }
 
-/// Leaves a panic for the next run; with interrupts off.
+/// Leaves a panic for the next run. Call it with interrupts off.
 pub(super) fn leave_panic(what: &dyn fmt::Display) {
     let mut text = Cut { bytes: [0; PANIC_BYTES], length: 0 };
     // Text that does not fit is cut off.
@@ -120,7 +121,7 @@ pub fn keep(state: &ControllerState) {
     });
 }
 
-/// Text cut off where it is full, without line breaks.
+/// Text that is cut off at its capacity, without line breaks.
 struct Cut {
     bytes: [u8; PANIC_BYTES],
     length: usize,

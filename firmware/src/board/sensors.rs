@@ -19,9 +19,9 @@ const AVERAGING: Averaging = Averaging::Samples8;
 
 /// The two potentiometers.
 ///
-/// The driver sets the converter up and takes the first readings, which leave both channels' sampling time in its registers. Later
-/// readings write only what changes, a third of the register accesses of the driver's own reading: they are the longest wait of a
-/// control period.
+/// The driver sets the converter up and takes the first readings, which leave both channels' sampling time in its registers.
+/// Later readings write only the bits that change, a third of the register accesses of the driver's own reading, because
+/// conversions are the longest wait of a control period.
 struct Potentiometers {
     /// Keeps the converter running.
     _adc: Adc<'static, ADC1>,
@@ -41,22 +41,22 @@ impl Potentiometers {
 
     fn read(&mut self) -> [u16; 2] {
         // The first conversion after a pause of about a millisecond may be wrong (STM32L475 errata, "wrong ADC result if conversion
-        // done late after calibration or previous conversion"): taken twice, and the second one counts.
+        // done late after calibration or previous conversion"): therefore it is made twice, and the second one counts.
         convert(self.channels[0]);
         self.channels.map(convert)
     }
 }
 
-/// One averaged conversion. One that never ends is the watchdog's.
+/// One averaged conversion. If it never ends, the watchdog resets.
 fn convert(channel: u8) -> u16 {
     ADC1_REGISTERS.sqr1().write(|sequence| sequence.set_sq(0, channel));
-    // The other bits that are written as zero act on a one only.
+    // The other bits act only when a one is written.
     ADC1_REGISTERS.cr().write(|control| {
         control.set_advregen(true);
         control.set_adstart(true);
     });
     while !ADC1_REGISTERS.isr().read().eoc() {}
-    // Reading it clears the end of conversion.
+    // Reading the data clears the end-of-conversion flag.
     ADC1_REGISTERS.dr().read().regular_data()
 }
 
@@ -71,18 +71,18 @@ fn converter(pins: ConverterPins) -> (Converter, Input<'static>) {
     let bus = Spi::new_blocking(pins.spi, pins.sck, pins.mosi, pins.miso, config);
     let cs = Output::new(pins.cs, Level::High, Speed::High);
     let Ok(device) = ExclusiveDevice::new_no_delay(bus, cs);
-    // Pulled up: an absent converter is one without data.
+    // The pull-up makes an absent converter one without data.
     (Ads131m02::new(device), Input::new(pins.data_ready, Pull::Up))
 }
 
 /// All sensors.
 pub struct BoardSensors {
-    /// None where a sensor has kept the starts before this one from running: nothing is read then but the emergency stop.
+    /// `None` where a sensor made the previous starts hang. Only the emergency stop is read then.
     potentiometers: Option<Potentiometers>,
     converter: Converter,
     data_ready: Input<'static>,
     emergency_stop: Input<'static>,
-    /// Why the converter is not set up, if it is not.
+    /// Error of the converter's set-up, if it failed.
     converter_error: Option<InitError>,
 }
 
@@ -108,13 +108,13 @@ impl BoardSensors {
         }
     }
 
-    /// Why the force converter could not be set up at the start, if it could not.
+    /// Error of the force converter's set-up at the start, if it failed.
     pub fn converter_error(&self) -> Option<InitError> {
         self.converter_error
     }
 
-    /// One force sample. A converter that has reset is configured again, so that the fault passes when its cause does;
-    /// the period in which that happens still reports it.
+    /// One force sample. A converter that has reset is configured again, so that the fault ends with its cause; the period of
+    /// the configuration still reports the fault.
     fn read_force(&mut self) -> Result<[i32; 2], ForceFault> {
         if self.data_ready.is_high() {
             return Err(ForceFault::NotReady);
@@ -127,7 +127,7 @@ impl BoardSensors {
     }
 }
 
-/// Code of a potentiometer that is not read: beyond every track.
+/// Code that stands for a potentiometer that is not read; it is beyond every track.
 const NOT_READ: u16 = u16::MAX;
 
 impl Sensors for BoardSensors {

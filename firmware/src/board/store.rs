@@ -1,9 +1,10 @@
-//! The store: the last pages of the flash, each of which keeps a few hundred bytes without power: two for calibrations
-//! ([`control::slots`]), and before them two that count the starts ([`control::starts`]).
+//! Non-volatile store of a few hundred bytes in each of the last pages of the flash. Two pages hold calibrations
+//! ([`control::slots`]); the two before them count the starts ([`control::starts`]).
 //!
-//! The pages lie in the second bank and the program in the first, so the core goes on while one is erased (about 25 ms) and
-//! programmed; the writer waits. A write that is cut off leaves anything in its page, and the other one as it was: what is
-//! stored must carry its own check, and the older of two is erased for the new one ([`control::slots`]).
+//! The pages lie in the second bank and the program in the first, so the core continues while a page is erased (about 25 ms)
+//! and programmed, and only the writer waits. An interrupted write leaves arbitrary content in its page and does not change the
+//! other one. Therefore stored data have their own check, and the page with the older record is erased for the new one
+//! ([`control::slots`]).
 
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{Blocking, Error, Flash, WRITE_SIZE};
@@ -13,7 +14,7 @@ use embassy_stm32::peripherals::FLASH;
 use control::slots::SLOTS;
 use control::starts;
 
-/// Most that a page takes.
+/// Largest number of bytes in a page.
 pub const STORE_BYTES: usize = 512;
 /// Size of a page.
 const PAGE_BYTES: u32 = 2048;
@@ -24,14 +25,14 @@ const FIRST_OFFSET: u32 = 1024 * 1024 - PAGES as u32 * PAGE_BYTES;
 /// Byte of erased flash.
 const ERASED: u8 = 0xFF;
 
-/// Why nothing was stored.
+/// Reason for which nothing was stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum StoreError {
     /// More than [`STORE_BYTES`].
     TooLong,
-    /// The flash refused.
+    /// The flash reported an error.
     Flash(Error),
-    /// The flash holds something else than what was written.
+    /// The flash does not hold the bytes that were written.
     Differs,
 }
 
@@ -51,7 +52,7 @@ impl Store {
         Self { flash: Flash::new_blocking(flash) }
     }
 
-    /// Reads a page from its beginning; what was never written reads `0xFF`, as does all beyond [`STORE_BYTES`].
+    /// Reads a page from its beginning. Bytes that were never written, and those beyond [`STORE_BYTES`], are `0xFF`.
     pub fn read(&mut self, slot: usize, bytes: &mut [u8]) {
         let (stored, page_tail) = bytes.split_at_mut(bytes.len().min(STORE_BYTES));
         page_tail.fill(ERASED);
@@ -60,10 +61,10 @@ impl Store {
         }
     }
 
-    /// Replaces what a page has stored and reads it back.
+    /// Replaces the content of a page and reads it back.
     ///
     /// # Errors
-    /// [`StoreError`]; nothing of the old is left in this page then, unless the new was too long.
+    /// [`StoreError`]. The old content is lost then, unless the new one was too long.
     pub fn write(&mut self, slot: usize, bytes: &[u8]) -> Result<(), StoreError> {
         if bytes.len() > STORE_BYTES {
             return Err(StoreError::TooLong);
@@ -84,7 +85,7 @@ impl Store {
         Ok(erased?)
     }
 
-    /// Writes into what is erased of a page, from a whole unit of the flash on, and reads it back.
+    /// Writes into the erased part of a page, from the beginning of a flash unit on, and reads it back.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -119,7 +120,7 @@ impl Store {
     }
 }
 
-/// Start of a page: those of the calibrations are the last of the flash.
+/// Start of a page. The pages of the calibrations are the last ones of the flash.
 const fn offset_of(slot: usize) -> u32 {
     let page_index = match slot.checked_sub(SLOTS) {
         Some(of_starts) => of_starts % starts::PAGES,
@@ -128,15 +129,15 @@ const fn offset_of(slot: usize) -> u32 {
     FIRST_OFFSET + page_index as u32 * PAGE_BYTES
 }
 
-/// Switches the cache of data read from flash off. While one bank is written and the other read, the chip may put wrong data
-/// into it (errata of the L47x), and it does not notice that a page was erased.
+/// Switches the flash's data cache off. While one bank is written and the other one read, wrong data may enter the cache
+/// (errata of the L47x), and the erasure of a page does not invalidate it.
 fn pause_data_cache() -> bool {
     let caching = pac::FLASH.acr().read().dcen();
     pac::FLASH.acr().modify(|w| w.set_dcen(false));
     caching
 }
 
-/// Empties the cache, which it can only be while it is off, and switches it on again if it was on.
+/// Resets the cache, which is possible only while it is off, and switches it on again if it was on.
 fn resume_data_cache(caching: bool) {
     pac::FLASH.acr().modify(|w| w.set_dcrst(true));
     pac::FLASH.acr().modify(|w| w.set_dcrst(false));

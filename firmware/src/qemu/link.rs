@@ -1,6 +1,6 @@
 //! The pipes to the plant, through semihosting.
 //!
-//! The only text that may go to QEMU's console is the log's binary stream, so nothing here prints.
+//! QEMU's console carries the log's binary stream, so that this module must not print.
 
 use super::trap;
 use crate::exit::{ExitCode, exit};
@@ -83,7 +83,7 @@ impl Link {
 fn drain(to: &OwnedFd, mut bytes: &[u8]) -> bool {
     while !bytes.is_empty() {
         match sys_write_orig(to.as_fd(), bytes) {
-            // The call returns the number of bytes not written.
+            // The semihosting call returns the number of bytes that it did not write.
             Ok(left) if left < bytes.len() => bytes = &bytes[bytes.len() - left..],
             _ => return false,
         }
@@ -103,7 +103,7 @@ fn fill(from: &OwnedFd, bytes: &mut [u8]) -> bool {
     while missing > 0 {
         let filled = bytes.len() - missing;
         match sys_read_orig(from.as_fd(), &mut bytes[filled..]) {
-            // The call returns the number of bytes not read.
+            // The semihosting call returns the number of bytes that it did not read.
             Ok(left) if left < missing => missing = left,
             _ => return false,
         }
@@ -111,14 +111,14 @@ fn fill(from: &OwnedFd, bytes: &mut [u8]) -> bool {
     true
 }
 
-/// Fills a buffer from a file in QEMU's working folder, as far as that goes.
+/// Fills a buffer from a file in QEMU's working folder, as far as the file reaches.
 pub(super) fn load(name: &CStr, buffer: &mut [u8]) {
     if let Ok(file) = sys_open(name, OpenMode::RDONLY_BINARY) {
         fill(&file, buffer);
     }
 }
 
-/// Writes a file in QEMU's working folder, as far as that goes.
+/// Writes a file in QEMU's working folder; errors are ignored.
 pub(super) fn store(name: &CStr, bytes: &[u8]) {
     if let Ok(file) = sys_open(name, OpenMode::WRONLY_TRUNC_BINARY) {
         drain(&file, bytes);

@@ -2,10 +2,10 @@
 //! machine: its STM32L476 differs from the STM32L475 in an LCD controller and in pins, which QEMU does not model.
 //!
 //! QEMU models the core, the clocks, GPIO and the serial port of this board, but no timers, converters, SPI, power
-//! control or watchdog. Here the registers it lacks are put behind no-access regions of the memory protection unit;
-//! every access to them faults, and the fault handler decodes the instruction, performs it on a software model of the
-//! peripheral and returns behind it ([`trap`]). The drivers notice nothing. Their commands go to the plant, and its
-//! sensors' values come back, in one exchange per millisecond ([`time`], [`link`]).
+//! control or watchdog. No-access regions of the memory protection unit cover the registers that it lacks. Every access to them
+//! faults; the fault handler decodes the instruction, performs it on a software model of the peripheral and returns to the next
+//! instruction ([`trap`]). The drivers need no change. One exchange per millisecond sends their commands to the plant and
+//! returns its sensor values ([`time`], [`link`]).
 //!
 //! One [`Machine`] holds all models. It is reached from the fault handler and from the SysTick handler only; the latter
 //! masks interrupts and touches no trapped register meanwhile, so the two never overlap.
@@ -143,7 +143,7 @@ impl Machine {
     }
 }
 
-/// The machine behind the rule in the module's head.
+/// The machine; the head of this module has the rule of its use.
 struct Shared(UnsafeCell<Machine>);
 
 // SAFETY: `with_machine` is the only access, and its callers never overlap.
@@ -151,7 +151,7 @@ unsafe impl Sync for Shared {}
 
 static MACHINE: Shared = Shared(UnsafeCell::new(Machine::new()));
 
-/// Works on the machine.
+/// Gives access to the machine.
 ///
 /// # Safety
 /// Only the fault handler may call this, or code with interrupts masked; `work` must not touch a trapped register.

@@ -28,14 +28,14 @@ impl Stopwatch {
         stopwatch
     }
 
-    /// Ticks that something takes, at most 16 million, and what it returns.
+    /// Duration of a call in ticks, at most 16 million, with its result.
     pub fn ticks<R>(&self, work: impl FnOnce() -> R) -> (R, u32) {
         let start = SYST::get_current();
         let result = work();
         (result, start.wrapping_sub(SYST::get_current()) & RELOAD)
     }
 
-    /// Instructions of so many ticks.
+    /// Number of instructions in this number of ticks.
     pub fn instructions(&self, ticks: u64) -> u32 {
         (ticks * u64::from(KNOWN_INSTRUCTIONS) / u64::from(self.known)) as u32
     }

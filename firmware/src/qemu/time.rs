@@ -4,8 +4,8 @@
 //! time is the number of exchanges plus the part of the running period, so it advances with the plant's steps and not
 //! with the computer's clock. Tasks are woken at whole milliseconds.
 //!
-//! (The `systick-timer` crate does almost this. It scales by a rounded factor, which puts the time at a tick just short
-//! of the whole millisecond, and has a fixed number of wake-up slots that stale time-outs fill.)
+//! (The `systick-timer` crate does almost this. Its scale is a rounded factor, so that a tick falls just before the whole
+//! millisecond, and expired time-outs fill its fixed number of wake-up slots.)
 
 use super::link::Link;
 use super::{peripherals, with_machine};
@@ -24,7 +24,7 @@ const CLOCKS_PER_US: u32 = CORE_CLOCK.0 / 1_000_000;
 /// SysTick counts from this down to zero.
 const RELOAD: u32 = PERIOD_US * CLOCKS_PER_US - 1;
 
-/// More instructions than a clock of the counter takes: 12.5 ns at 4 ns for each.
+/// More instructions than one clock of the counter lasts: 12.5 ns, at 4 ns for each.
 const CLOCK_INSTRUCTIONS: u32 = 16;
 
 /// The time driver.
@@ -47,7 +47,7 @@ pub(super) fn now_us() -> u64 {
     let mut count = SYST::get_current();
     let mut steps = u64::from(STEPS.load(Ordering::Relaxed));
     if SCB::is_pendst_pending() {
-        // The period ended, before or after the count was read; the count of the new one is.
+        // The period ended before or after the first reading of the count, so that the count of the new period is read.
         count = SYST::get_current();
         steps += 1;
     }
@@ -128,10 +128,9 @@ pub fn start_time() {
 
 /// Ends the running period at once where nothing is left to do in it; with interrupts masked.
 ///
-/// A core that sleeps costs QEMU far more than one that works: its main loop has to wake up, move the clock on, and
-/// wake up the core's thread, which on a virtual machine is most of a period's time. Only the end of the period would
-/// wake it: converters and bus are modelled without interrupts, and bytes of the serial line come when the computer has
-/// them.
+/// In QEMU a sleeping core takes far more time than a running one: the main loop has to wake up, advance the clock and wake the
+/// core's thread, which on a virtual machine is most of the time of a period. Only the end of the period could wake it anyway:
+/// converters and bus are modelled without interrupts, and the computer decides when bytes of the serial line arrive.
 pub fn end_period() {
     /// Exceptions are pending, SysTick's among them: ICSR.ISRPENDING and PENDSTSET.
     const PENDING: u32 = 1 << 22 | 1 << 26;

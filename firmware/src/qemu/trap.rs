@@ -112,14 +112,15 @@ unsafe extern "C" fn HardFault() {
 
 /// Performs the faulting access and steps past it.
 ///
-/// The access follows from the instruction and the registers. The fault status registers are read only where that is none that is
-/// emulated, so their bits stay set from the first access on: QEMU leaves its translated code for each register of the core.
+/// The access follows from the instruction and the registers. The fault status registers are read only for a fault that is not
+/// emulated, because QEMU has to leave its translated code for each access to a register of the core. Their bits therefore stay
+/// set from the first access on.
 ///
 /// # Safety
 /// `frame` and `saved` (r4 to r11) are the stacked registers of the interrupted code.
 unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return: u32) {
-    // A frame in the guard was not stacked, and only code can be decoded.
-    // SAFETY: the entry code passes the frame's address, which is in the stack's memory in any case.
+    // An exception frame in the guard was not stacked, and only an address in code can be decoded. SAFETY: the entry code
+    // passes the frame's address, which is in the stack's memory in any case.
     if guard::contains(frame as u32) || !CODE.contains(unsafe { &(*frame).pc }) {
         // SAFETY: as above.
         refuse(unsafe { (*frame).pc }, None)
@@ -174,7 +175,8 @@ unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return
     TRAPS.store(TRAPS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
 }
 
-/// Ends the run at a fault that is no access to a modelled register: a stack that is used up restarts the program, anything else ends it.
+/// Handles a fault that is no access to a modelled register: a stack overflow restarts the program, any other fault ends the
+/// run.
 fn refuse(pc: u32, code: Option<[u16; 2]>) -> ! {
     // SAFETY: fault status registers, used by the fault handler only.
     let (cfsr, mmfar, bfar) = unsafe {

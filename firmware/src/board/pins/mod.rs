@@ -1,11 +1,11 @@
 //! Pins and clocks: a file for each board, chosen by a feature of its name, and what all boards share.
 //!
-//! A board's file states its pins by purpose, its serial port, its bridges' channels, which registers hold something that is the board's
-//! own, and where the emulation finds its signals in QEMU. All else of the firmware is the same on every board.
+//! A board's file states its pins by purpose, its serial port, the channels of its bridges, the registers with contents of its
+//! own, and the pins at which the emulation in QEMU finds the signals. The rest of the firmware is the same on every board.
 //!
 //! The bridges' inputs need pull-downs (integrated in the usual drivers): they hold the bridges off while the
-//! microcontroller is in reset. Control runs in the interrupt of a peripheral that is not used, UART5, the tasks around it in
-//! that of UART4.
+//! microcontroller is in reset. Control runs in the interrupt of UART5, the background tasks in that of UART4; both peripherals
+//! are unused.
 
 #[cfg(all(feature = "b-l475e-iot01a", feature = "nucleo-l476rg"))]
 compile_error!("an image is for one board: choose either `b-l475e-iot01a` or `nucleo-l476rg`");
@@ -36,22 +36,22 @@ pub const CORE_CLOCK: Hertz = Hertz(80_000_000);
 pub const SERIAL_BAUD: u32 = 460_800;
 /// Frequency of the bridges' PWM: above hearing, below the limit of the usual bridges.
 pub const PWM_FREQUENCY: Hertz = Hertz(20_000);
-/// Clock of the converter's SPI; the chip takes 25 MHz, wires to a header less.
+/// Clock of the converter's SPI. The chip accepts 25 MHz, but wires to a header do not carry it.
 pub const SPI_FREQUENCY: Hertz = Hertz(5_000_000);
-/// Time without feeding after which the watchdog resets: a few control periods, as a control task that hangs leaves the
-/// bridges as they are.
+/// Time without feeding after which the watchdog resets: a few control periods only, as a control task that hangs leaves the
+/// bridges driven.
 pub const WATCHDOG_TIMEOUT_US: u32 = 4_000;
 
 /// Priority of the serial port. It is above control: at this speed a byte comes every 22 us and the receiver holds one.
 pub const SERIAL_PRIORITY: Priority = Priority::P2;
 /// Priority of the control task, below time and serial port.
 pub const CONTROL_PRIORITY: Priority = Priority::P4;
-/// Priority of the tasks around it.
+/// Priority of the background tasks.
 pub const BACKGROUND_PRIORITY: Priority = Priority::P6;
 
-/// Room for bytes to be sent.
+/// Size of the transmit buffer, bytes.
 pub const SERIAL_SEND_BYTES: usize = 2048;
-/// Room for bytes received.
+/// Size of the receive buffer, bytes.
 pub const SERIAL_RECEIVE_BYTES: usize = 512;
 
 /// Clocks without a crystal: the 16 MHz oscillator, multiplied to 80 MHz for everything; the converter runs from the system clock.
@@ -71,7 +71,7 @@ fn clocks_without_crystal() -> Config {
     config
 }
 
-/// A pin of a bridge by its channel; no pin where the channel is not used.
+/// Pin of a bridge by its channel; none for an unused channel.
 type Output<T, C> = Option<PwmPin<'static, T, C>>;
 
 /// A timer at the bridges' frequency on its pins.

@@ -1,10 +1,9 @@
 //! The converter ADC1: single conversions of the two potentiometer channels.
 //!
 //! Regulator, calibration, enable and conversion follow the chip's order and are immediate, unless the plant sets how long
-//! a conversion takes: its flags then come when that device time has passed, or never. A conversion takes the plant's code
-//! of the channel in the first rank as it stands at the start; averaging in hardware leaves a constant as it is, so its
-//! settings are only kept. Sequences of more than one rank, other channels, injected conversions, stopping, DMA and
-//! interrupts are refused.
+//! a conversion takes: its flags then come when that device time has passed, or never. A conversion returns the plant's code of
+//! the first channel of the sequence at its start. Averaging does not change a constant, so its settings are stored without an
+//! effect. Sequences of more than one rank, other channels, injected conversions, stopping, DMA and interrupts are refused.
 
 use crate::board::pins::emulated::CHANNELS;
 use crate::qemu::{Registers, Unmodelled, time};
@@ -65,7 +64,7 @@ impl Adc {
         }
     }
 
-    /// A write to the control register: its command bits act and are done at once.
+    /// A write to the control register: its commands take effect and are complete at once.
     fn control(&mut self, value: u32) -> Result<(), Unmodelled> {
         let known_bits = CR_ADEN | CR_ADSTART | CR_ADVREGEN | CR_DEEPPWD | CR_ADCAL;
         let regulated = value & (CR_ADVREGEN | CR_DEEPPWD) == CR_ADVREGEN;

@@ -4,10 +4,10 @@
 //! written, where the chip ignores the bits that ICR does not have: drivers acknowledge by writing the whole status,
 //! which would clear "transmit register empty" and stop the transmission.
 //!
-//! Just that is how the line gets its speed. QEMU transmits at once; here the plant sets how many bytes the line carries per
-//! period. When they are used up, the next byte stays here, and "transmit register empty" and "transmission complete" are
-//! cleared, as they are in the chip while a byte waits for the one before it. The driver waits for its interrupt; the byte
-//! goes to QEMU in the next period, which sets both flags again.
+//! The same flags give the line its speed. QEMU transmits at once; here the plant sets the number of bytes that the line
+//! carries per period. After these the next byte is held back, and "transmit register empty" and "transmission complete" are
+//! cleared, as in the chip while a byte waits. The driver waits for its interrupt; the byte goes to QEMU in the next period,
+//! which sets both flags again.
 
 use crate::board::pins::SERIAL;
 use crate::qemu::{Registers, Unmodelled};
@@ -17,7 +17,7 @@ use emulation::thumb::Width;
 const ICR: u32 = 0x20;
 const RDR: u32 = 0x24;
 const TDR: u32 = 0x28;
-/// The bits that ICR has.
+/// Bits that exist in ICR.
 const ICR_BITS: u32 = 0x0012_1B5F;
 /// ISR: transmission complete, transmit register empty.
 const TRANSMITTED: u32 = 1 << 6 | 1 << 7;
@@ -35,7 +35,8 @@ impl Usart {
         Self { budget: UNLIMITED, waiting: None }
     }
 
-    /// A new period, in which the line carries so many bytes. Returns the one to write to TDR, if one waits and may go.
+    /// Begins a period in which the line carries this number of bytes. Returns the byte to write to TDR, if one was held back
+    /// and may be sent.
     pub(crate) fn refill(&mut self, line_bytes: u16) -> Option<u32> {
         self.budget = line_bytes;
         if line_bytes > 0 { self.waiting.take() } else { None }
