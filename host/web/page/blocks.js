@@ -28,12 +28,12 @@ function showBlocks() {
     main().append(
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'A needle in a gel'),
-          h('p', { class: 'note' }, state.session ? `The needle of ${state.session}.` : 'An 18 gauge needle; open a session for its own.'),
+          h('p', { class: 'note' }, state.session ? `The needle of ${state.session}.` : 'An 18 gauge needle. Open a session to use its needle.'),
           ...sliders,
-          h('p', { class: 'note' }, 'E is K over K/E. A session states its block in [tissue]: body_mm, needle_at_mm, sides, far_side.')),
-        h('section', {}, h('h2', {}, 'K/E over the size of the block'), modelLine('a needle in an elastic block, no effect'), made, facts)),
+          h('p', { class: 'note' }, 'To get E, divide K by K/E. Held: the gel sticks to a rigid box; free: it stands without a box. A session states its block in [tissue]: body_mm, needle_at_mm, sides, far_side.')),
+        h('section', {}, h('h2', {}, 'K/E for blocks of different sizes'), modelLine('a needle in an elastic block, no effect'), made, facts)),
       saveBar('blocks', () => answer.document));
-    announce('Solving the walls ...');
+    announce('Computing the effect of the walls ...');
     ask();
   });
 }
@@ -46,5 +46,5 @@ function blocksFacts({ edge_mm: edges, held, free, half_space: far }) {
   const times = (ratio) => number(ratio / far, 3);
   return h('p', { class: 'readout', id: 'blocks-facts', 'aria-live': 'polite', 'data-held': held[at], 'data-free': free[at] },
     h('span', { class: 'big' }, `${edges[at]} mm: K/E ${number(held[at], 3)} held, ${number(free[at], 3)} free`),
-    `; without walls ${number(far, 3)}. Who ignores the walls gets an E that is ${times(held[at])} times (held) or ${times(free[at])} times (free) the true one`);
+    `; without walls ${number(far, 3)}. A model without the walls gives ${times(held[at])} times (held) or ${times(free[at])} times (free) the true E`);
 }

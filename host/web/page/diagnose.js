@@ -2,7 +2,7 @@
 
 const VERDICTS = {
   adequate: 'These runs show no missing effect: the plain model explains them within noise and the usual imperfections of rig and tissue.',
-  unexplained: 'There is a misfit that no effect of the catalogue explains, or that these runs do not attribute to one.',
+  unexplained: 'A misfit remains: either no effect of the catalogue explains it, or these runs cannot show which effect does.',
 };
 
 /** The verdict in words that name what was found. */
@@ -10,7 +10,7 @@ function verdictOf(found) {
   if (VERDICTS[found.verdict]) return VERDICTS[found.verdict];
   const names = found.effects.map((one) => explanations(one).join(', or '));
   const isClass = found.effects.some((one) => one.class.length > 1);
-  return `Missing in the model: ${names.join('; and ')}.${isClass ? ' These runs do not tell them apart.' : ''}`;
+  return `Missing in the model: ${names.join('; and ')}.${isClass ? ' These runs cannot distinguish between them.' : ''}`;
 }
 const CHANNELS = { force_y: 'Force', shape_y: 'Shape', tip_y: 'Tip', tip_direction_y: 'Tip direction', force_x: 'Horizontal force', shape_x: 'Horizontal shape', tip_x: 'Horizontal tip', tip_direction_x: 'Horizontal tip direction' };
 const COORDINATES = { insertion_depth_mm: 'insertion depth, mm', depth_below_entry_mm: 'depth below the surface, mm', level_mm: 'displacement of guide 2, mm', direction: 'direction of motion', time_s: 'time, s', hold_s: 'time in a hold, s' };
@@ -69,14 +69,14 @@ function showDiagnose() {
       h('section', { class: `lead verdict ${found.verdict}`, id: 'verdict', 'data-verdict': found.verdict }, h('h2', {}, verdictOf(found)), h('p', { id: 'verdict-doubt', hidden: true }),
         ...found.effects.map((one) => reasons(one, found, about)), limits(found)),
       h('div', { class: 'two' },
-        h('section', { class: 'controls' }, h('h2', {}, 'What: switch effects on and off'),
-          h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of the effect alone over the `, term('plain model'), `; a name needs ${number(found.margin)} (line). Fitted effects come first; \u2248 marks an estimate without a fit. Each switch fits the model again.`),
+        h('section', { class: 'controls' }, h('h2', {}, 'Effects: switch them on and off'),
+          h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of one effect added to the `, term('plain model'), `. From ${number(found.margin)} on (line) an effect can be named. Fitted effects come first; \u2248 marks an estimate without a fit. Each switch fits the model again.`),
           h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on the effects that were found') : null,
             h('button', { type: 'button', id: 'use-none', onclick: () => choose([]) }, 'All off')),
           list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,
           found.not_identifiable.length ? h('p', { class: 'note' }, `These runs cannot show: ${found.not_identifiable.map((id) => plainName(id)).join(', ')}`) : null),
         h('section', {}, h('h2', {}, 'Misfit between model and measurement'), boxes.numbers, boxes.bars, boxes.values,
-          h('h2', {}, 'Where'), h('p', { class: 'note' }, 'Mean ', term('residual'), ' per cell in ', term('standard deviations'), ' of its noise, towards the displacement of guide 2: blue, measured below the model; orange, above it.'), boxes.maps)),
+          h('h2', {}, 'Maps of the residuals'), h('p', { class: 'note' }, 'Mean ', term('residual'), ' per cell in ', term('standard deviations'), ' of its noise, positive towards the displacement of guide 2. Blue: measured below the model. Orange: measured above it.'), boxes.maps)),
       h('div', { class: 'beyond' }, section('Regions with significant residuals of the plain model', regions(found)),
         section('Figures of the diagnosis', h('details', {}, h('summary', {}, `${figures.length} figures`), ...figures.map(figure)))),
       saveBar('diagnose', () => found));
@@ -92,8 +92,8 @@ function reasons(one, found, about) {
   const list = [
     `${values.join(', ')}.`,
     `Log evidence +${number(one.log_evidence_gain)}, needed ${number(found.margin)}.`,
-    gap ? `On runs that no fit has used the misfit (chi-square per reading) falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'Nothing could be held out.',
-    others.length ? `As good: ${others.map((id) => plainName(id)).join(', ')}.` : 'No other effect explains the runs as well.',
+    gap ? `On runs that no fit has used the misfit (chi-square per reading) falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'No run could be held out.',
+    others.length ? `Equally good: ${others.map((id) => plainName(id)).join(', ')}.` : 'No other effect explains the runs as well.',
   ];
   return h('div', {}, h('h3', {}, capital(plainName(one.id, one.parameters))), h('p', { class: 'note' }, h('code', {}, one.id), `: ${about(one.id)?.physics ?? ''}`), h('ul', {}, ...list.map((text) => h('li', {}, text))));
 }
@@ -114,8 +114,8 @@ function doubt(found, trial, { plain, now }) {
   const line = document.getElementById('verdict-doubt');
   line.hidden = !strongest.isStrong;
   const size = `But residuals of up to ${number(Math.abs(strongest.value), 2)} standard deviations remain (${strongest.name}, map below)`;
-  line.textContent = named.length > 0 ? `${size}: this does not explain everything.`
-    : `${size}. They are within what rig and tissue may be off by without any effect, such as a needle\u2019s stiffness that is known to 2 %; they are not explained.`;
+  line.textContent = named.length > 0 ? `${size}: the effects do not explain everything.`
+    : `${size}. They are not explained. Usual imperfections of rig and tissue can cause residuals of this size, such as a needle\u2019s stiffness that is known to 2 %.`;
   document.getElementById('verdict').classList.toggle('doubtful', strongest.isStrong);
 }
 
@@ -145,8 +145,8 @@ function drawTrial(trial, { numbers, bars, maps, values }) {
   numbers.dataset.before = before.chi2_reduced;
   numbers.dataset.after = after.chi2_reduced;
   const isSame = trial.effects.length === 0;
-  const where = trial.held_out ? `on runs held out of every fit: ${trial.held_out.heldout_runs.join(', ')}` : 'on the runs that were fitted; nothing could be held out';
-  numbers.replaceChildren(modelLine(isSame ? 'plain, no effect is switched on' : `with ${trial.effects.map((one) => plainName(one.id, one.parameters)).join(', and ')}`), h('p', { class: 'readout' }, h('span', { class: 'big' }, `${number(before.chi2_reduced)}${isSame ? '' : ` \u2192 ${number(after.chi2_reduced)}`}`), ' ', term('chi-square per reading'), `, about 1 is noise alone; ${where}`),
+  const where = trial.held_out ? `on runs held out of every fit: ${trial.held_out.heldout_runs.join(', ')}` : 'on the fitted runs, as no run could be held out';
+  numbers.replaceChildren(modelLine(isSame ? 'plain, no effect is switched on' : `with ${trial.effects.map((one) => plainName(one.id, one.parameters)).join(', and ')}`), h('p', { class: 'readout' }, h('span', { class: 'big' }, `${number(before.chi2_reduced)}${isSame ? '' : ` \u2192 ${number(after.chi2_reduced)}`}`), ' ', term('chi-square per reading'), ` (about 1: noise alone), ${where}`),
     h('p', {}, isSame ? '' : `Log evidence ${trial.log_evidence_gain > 0 ? '+' : ''}${number(trial.log_evidence_gain)}. `, `Modulus ${number(trial.modulus_kpa.value)} kPa (${interval(trial.modulus_kpa.ci95)}).`));
   const most = (unit) => Math.max(...Object.entries(before.rmse).concat(Object.entries(after.rmse)).filter(([name]) => name.endsWith(`_${unit}`)).map(([, value]) => value));
   if (bars.childElementCount === 0) bars.append(h('h3', {}, 'Root mean square of the residuals'));

@@ -17,7 +17,7 @@ function showIdentify() {
     const { document: found, figures } = await result('identify', { relation: 'vesic', foundation: 'springs' }, 'Identifying the modulus');
     if (!isHere()) return;
     const { pooled } = found;
-    const methods = [['likelihood', 'Beam, all sensors'], ['likelihood_without_force', 'Beam without force'], ['energy', 'Energy balance'], ['energy_as_printed', 'Energy as printed']];
+    const methods = [['likelihood', 'Beam, all sensors'], ['likelihood_without_force', 'Beam without force'], ['energy', 'Energy balance'], ['energy_as_printed', 'Energy, as published']];
     const ends = found.runs.flatMap((run) => methods.flatMap(([name]) => [run.methods[name].k_kpa, ...(run.methods[name].ci95_kpa || [])])).filter(Number.isFinite);
     const axis = rangeOf([ends.concat(pooled.ci95_kpa)]);
     const cell = (one) => (one.k_kpa === null ? h('td', {}, '-') : h('td', {},
@@ -39,12 +39,12 @@ function showIdentify() {
     const draw = () => made.replaceChildren(...figures.filter((one) => one.name.startsWith(`${pick.value}.`)).map(figure));
     main().append(
       h('section', { class: 'lead' }, h('h2', {}, 'Foundation modulus ', term('K')),
-        isDoubtful ? h('p', { class: 'deciding', id: 'deciding', role: 'note' }, h('strong', {}, 'The runs disagree: '), 'one modulus does not describe this tissue. The value below is an average that no part of it may have. ',
+        isDoubtful ? h('p', { class: 'deciding', id: 'deciding', role: 'note' }, h('strong', {}, 'The runs disagree: '), 'one modulus does not describe this tissue. The value below is an average; perhaps no part of the tissue has this modulus. ',
           h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Diagnose what the model lacks')) : null,
         h('p', { class: 'readout' }, h('span', { class: isDoubtful ? 'big doubtful' : 'big', id: 'pooled-k', 'data-k': pooled.k_kpa }, `${number(pooled.k_kpa, 4)} kPa`), ' 95 % ', term('interval'), ` ${interval(pooled.ci95_kpa, 4)} kPa, from ${pooled.runs} ${pooled.runs === 1 ? 'run' : 'runs'}`),
         modelLine('plain: a needle as a beam in tissue of one stiffness, no effect'),
         youngs, typicalValues(),
-        isDoubtful ? null : h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Does the model miss something? Diagnose'))),
+        isDoubtful ? null : h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Check what the model lacks: Diagnose'))),
       section('By run and method, kPa', h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Modulus by run and method' }, h('table', {}, h('thead', {}, h('tr', {},
         ...['Run', 'Depth', ...methods.map(([, name]) => name)].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...rows))),
       notes),
@@ -56,7 +56,7 @@ function showIdentify() {
     note(whole);
     const of = whole.youngs_modulus_kpa;
     youngs.textContent = of && Number.isFinite(of.value)
-      ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}${whole.walls.stated === 'not_stated' ? ', walls of the tissue not stated: E may be off by half and more' : ''}; ${interval(of.range_kpa)} kPa over all relations`
+      ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}${whole.walls.stated === 'not_stated' ? ', walls of the tissue not stated: E may be wrong by half or more' : ''}; ${interval(of.range_kpa)} kPa over all relations`
       : `Young\u2019s modulus E: ${of?.refused ?? 'not identifiable from these runs'}`;
     kept.replaceChildren(saveBar('identify', () => whole));
   });

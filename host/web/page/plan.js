@@ -1,9 +1,9 @@
 // Plan: what interval a lateral run will give, as a map over insertion depth and displacement, before it is made.
 
 const PLAN_SLIDERS = [
-  ['least_kpa', 'Least modulus the tissue may have', 'kPa', 0.5, 100, 0.5, 5],
-  ['most_kpa', 'Greatest modulus', 'kPa', 0.5, 100, 0.5, 30],
-  ['hold_s', 'Length of a hold', 's', 2, 20, 0.5, 3],
+  ['least_kpa', 'Smallest modulus of the tissue', 'kPa', 0.5, 100, 0.5, 5],
+  ['most_kpa', 'Largest modulus of the tissue', 'kPa', 0.5, 100, 0.5, 30],
+  ['hold_s', 'Duration of a hold', 's', 2, 20, 0.5, 3],
   ['force_limit_n', 'Largest force', 'N', 0.5, 10, 0.5, 4],
   ['strain_limit_percent', 'Largest strain of the needle', '%', 0.02, 0.5, 0.02, 0.2],
   ['deflection_limit_mm', 'Largest deflection in the tissue', 'mm', 0.1, 5, 0.1, 2.5],
@@ -56,11 +56,11 @@ function showPlan() {
     main().append(
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'Tissue, run and limits'),
-          h('p', { class: 'note' }, state.session ? `Needle, guides and noise of ${state.session}.` : 'An 18 gauge steel needle in the standard rig; open a session to plan for its own.'),
+          h('p', { class: 'note' }, state.session ? `Needle, guides and noise of ${state.session}.` : 'An 18 gauge steel needle in the standard rig. Open a session to use its needle and rig.'),
           ...sliders),
-        h('section', {}, h('h2', {}, 'How accurate a run will be: half-width of the 95 % interval'),
+        h('section', {}, h('h2', {}, 'Accuracy of a run: half-width of the 95 % interval'),
           modelLine('plain: tissue of one stiffness, no effect'),
-          h('p', { class: 'note' }, 'Rows: displacement of guide 2, mm. Numbers: the largest half-width over the range of the modulus, percent. Strong colour: accurate. Dashed red border: the run breaks a limit.'), map,
+          h('p', { class: 'note' }, 'Rows: displacement of guide 2, mm. Numbers: the largest half-width over the range of the modulus, percent. A strong colour is an accurate run; a dashed red border is a run beyond a limit.'), map,
           h('h2', {}, 'One run'), ...selects.map(([, , row]) => row), facts)),
       section('Figure', made), saveBar('plan', () => answer.document));
     responsive(map, draw);

@@ -83,7 +83,7 @@ function showPlay() {
     main().append(h('div', { class: 'two' },
       h('section', { class: 'controls' }, h('h2', {}, 'Needle and tissue'), ...sliders,
         h('div', { class: 'slider' }, h('label', { for: 'play-add' }, 'Add an effect'), select), added),
-      h('section', {}, h('h2', {}, 'What the sensors read'), readout, model, needle,
+      h('section', {}, h('h2', {}, 'Readings of the sensors'), readout, model, needle,
         h('div', { class: 'panels' }, h('div', { class: 'panel' }, h('h3', {}, 'Guide 2 moves out, to the other side and back'), cycle),
           h('div', { class: 'panel' }, h('h3', {}, 'Path of the tip on the way in'), path)))),
       saveBar('play', () => ({ input: { ...values, effects: Object.fromEntries(chosen) }, ...last })));

@@ -37,7 +37,7 @@ const exampleRecords = () => useRecords('example.jsonl', [['example.jsonl', new 
 /** The record of the session that is open, beside those that are there. */
 async function addSession() {
   const of = state.session;
-  announce(`The record of ${of} is being made ...`, () => engine.cancel('summarize'));
+  announce(`Computing the record of ${of} ...`, () => engine.cancel('summarize'));
   const record = await engine.request('summarize', { do: 'summarize', dir: of });
   announce(null);
   // In a folder of its own: a file of records may have the name of the session.

@@ -23,8 +23,8 @@ function showPredict() {
     let isPlain = !usable || state.choice.model === 'plain';
     const model = h('div', { id: 'predict-model' });
     const showModel = () => model.replaceChildren(usable
-      ? modelLine(isPlain ? 'plain, without what Diagnose has found ' : `with what Diagnose has found: ${usable.names.join(', and ')} `,
-        h('button', { type: 'button', class: 'small', onclick: () => { isPlain = !isPlain; keepAddress({ model: isPlain ? 'plain' : '' }); showModel(); ask(); } }, isPlain ? 'Use what was found' : 'Use the plain model'))
+      ? modelLine(isPlain ? 'plain, without the effects that Diagnose has found ' : `with the effects that Diagnose has found: ${usable.names.join(', and ')} `,
+        h('button', { type: 'button', class: 'small', onclick: () => { isPlain = !isPlain; keepAddress({ model: isPlain ? 'plain' : '' }); showModel(); ask(); } }, isPlain ? 'Use these effects' : 'Use the plain model'))
       : modelLine(diagnosed ? 'plain; Diagnose names no effect of this session ' : 'plain; this session has not been diagnosed ',
         diagnosed ? '' : h('button', { type: 'button', class: 'small', onclick: () => show('diagnose') }, 'Diagnose')));
     let answer = null;
@@ -78,7 +78,7 @@ function drawPrediction({ document: found, figures }, id, { vertical, horizontal
     plot(ahead, { title: 'Tip, viewed along the needle', x: 'horizontal, mm', y: 'vertical, mm', height: 260, square: true,
       series: [{ kind: 'line', x: one.tip_x_mm, y: one.tip_y_mm, style: 'a', label: 'predicted' }, { kind: 'dots', x: one.measured_x_mm, y: one.measured_y_mm, style: 'b', label: 'measured' }] });
   } else {
-    ahead.replaceChildren(h('p', { class: 'note' }, 'one plane was measured'));
+    ahead.replaceChildren(h('p', { class: 'note' }, 'only one plane was measured'));
   }
   const load = Number.isFinite(one.tip_force_n) ? `tip load ${number(one.tip_force_n)} N (${interval(one.tip_force_ci95_n)})` : '';
   const k = one.learned?.k_kpa;

@@ -26,7 +26,7 @@ async function watchPort() {
   } catch (error) {
     // Nothing was chosen.
     if (error.name === 'NotFoundError') return;
-    throw new Error(`the port cannot be opened: ${error.message}; another program has it, or the device is not there any more`);
+    throw new Error(`the port cannot be opened: ${error.message}; another program uses it, or the device was disconnected`);
   }
   const [reader, writer] = [port.readable.getReader(), port.writable.getWriter()];
   const source = { close: () => reader.cancel().catch(() => {}) };

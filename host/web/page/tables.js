@@ -85,17 +85,17 @@ function showTables() {
         field('depth_mm', 'Length of the needle in the tissue, mm', tables.options.depth_mm, option('depth_mm')),
         ...TABLE_RIG.map(([name, label]) => field(name, `${label}, mm`, tables.rig[name], (value) => { if (Number.isFinite(Number(value)) && value !== '') { tables.rig[name] = Number(value); ask(); } })),
         choice('z_from', 'Positions along the needle are from', TABLE_ORIGINS),
-        field('offset_s', 'Clock of the displacement: seconds to add', tables.options.offset_s, option('offset_s')),
-        field('rate_hz', 'Rows a second, where there is no column of times', tables.options.rate_hz, option('rate_hz'))),
-      h('section', {}, h('h2', {}, `What is what in ${names}?`),
-        h('p', { class: 'note' }, 'Names and units show what they can. Choose the rest; nothing is taken without a unit.'), mapping, echo, drawn)));
+        field('offset_s', 'Seconds to add to the times of the displacement', tables.options.offset_s, option('offset_s')),
+        field('rate_hz', 'Rows per second, if there is no column of times', tables.options.rate_hz, option('rate_hz'))),
+      h('section', {}, h('h2', {}, `Columns of ${names}`),
+        h('p', { class: 'note' }, 'The program recognizes columns by their names and units. Choose the quantities of the others; every column that is used needs a unit.'), mapping, echo, drawn)));
     const draw = () => {
       drawMapping(answer, tables, mapping, ask);
       drawEcho(answer, tables, echo);
       drawn.replaceChildren();
       if (answer.drawn.x.length > 0) {
         const insertion = answer.kind === 'insertion';
-        responsive(drawn, () => plot(drawn, { title: 'The run that becomes of it', height: 220, x: insertion ? 'insertion depth, mm' : 'displacement of guide 2, mm', y: insertion ? 'tip, mm' : 'force, N',
+        responsive(drawn, () => plot(drawn, { title: 'The imported run', height: 220, x: insertion ? 'insertion depth, mm' : 'displacement of guide 2, mm', y: insertion ? 'tip, mm' : 'force, N',
           series: [{ kind: 'dots', x: answer.drawn.x, y: answer.drawn.y, style: 'a' }] }));
       }
     };
@@ -118,8 +118,8 @@ function drawMapping({ columns, quantities, maps }, tables, into, ask) {
   const body = rows.map((row) => {
     const { column, i } = row;
     const [quantity, unit] = (chosen.get(column.name) ?? '').split(':');
-    row.select = h('select', { id: `tables-column-${i}`, 'aria-label': `What ${column.name} is`, onchange: change },
-      h('option', { value: '' }, 'not taken'), ...quantities.map(({ name }) => h('option', { value: name, selected: name === quantity }, name)));
+    row.select = h('select', { id: `tables-column-${i}`, 'aria-label': `Quantity of ${column.name}`, onchange: change },
+      h('option', { value: '' }, 'not used'), ...quantities.map(({ name }) => h('option', { value: name, selected: name === quantity }, name)));
     row.unit = h('input', { id: `tables-unit-${i}`, type: 'text', size: 8, 'aria-label': `Unit of ${column.name}`, value: unit ?? '', placeholder: column.is_stamp ? 'date or time' : column.unit ?? unitsOf[quantity] ?? '', disabled: column.is_stamp, onchange: change });
     return h('tr', {}, ...(several ? [h('td', {}, column.file)] : []), h('th', { scope: 'row' }, column.name), h('td', {}, row.select), h('td', {}, row.unit), h('td', {}, column.values.map((value) => number(value, 5)).join(', ')));
   });
@@ -134,17 +134,17 @@ function drawMapping({ columns, quantities, maps }, tables, into, ask) {
 function drawEcho(answer, tables, into) {
   const { taken, notes, others, forms, problem, kind, rows, files, map_file: map } = answer;
   if (problem) {
-    into.replaceChildren(h('p', { id: 'tables-problem', class: 'error' }, h('strong', {}, 'Not yet a run: '), problem));
+    into.replaceChildren(h('p', { id: 'tables-problem', class: 'error' }, h('strong', {}, 'No run can be made yet: '), problem));
     return;
   }
   const cells = taken.map(({ is, column, unit, range: [least, most], rows: count, file }) => h('tr', {}, h('th', { scope: 'row' }, is), h('td', {}, column), h('td', {}, unit), h('td', {}, `${number(least, 5)} to ${number(most, 5)}`), h('td', {}, `${count} of ${file}`)));
-  const remarks = [...notes, ...others.map((other) => `not taken: ${other}`), ...forms];
+  const remarks = [...notes, ...others.map((other) => `not used: ${other}`), ...forms];
   const name = Object.keys(files).find((file) => file !== SESSION).replace(/(\.force)?\.csv$/, '');
   const encoder = new TextEncoder();
   const open = () => openSession({ name, files: Object.entries(files).map(([file, text]) => [`${name}/${file}`, encoder.encode(text)]) }, false, 'session').catch((error) => fail(error));
   into.replaceChildren(
     h('h3', {}, `Is this right? ${kind === 'insertion' ? 'An insertion' : 'A lateral run'} of ${rows} rows`),
-    h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'What is taken for what' }, h('table', { id: 'tables-taken' },
+    h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Quantities and columns' }, h('table', { id: 'tables-taken' },
       h('thead', {}, h('tr', {}, ...['Quantity', 'Column', 'Unit', 'From ... to', 'Rows'].map((text) => h('th', { scope: 'col' }, text)))), h('tbody', {}, ...cells))),
     h('ul', { class: 'findings' }, ...remarks.map((text) => h('li', {}, text))),
     h('p', { class: 'bar' },

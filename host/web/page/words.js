@@ -9,24 +9,24 @@ const PLAIN = {
   'tissue.gradient': (own) => (valueOf(own, 'gradient_per_mm') < 0 ? 'tissue that becomes softer with depth' : 'tissue that becomes stiffer with depth'),
   'tissue.stiffening': 'tissue that stiffens when it is pushed far',
   'tissue.relaxation': 'tissue that relaxes while it is held',
-  'tissue.shear': 'layers of tissue that hold on to each other',
+  'tissue.shear': 'neighbouring tissue that is pulled along (shear)',
   'tissue.entry_gap': (own) => (Number.isFinite(valueOf(own, 'gap_mm')) ? `no contact down to ${number(valueOf(own, 'gap_mm'))} mm below the surface` : 'no contact below the surface'),
   'tissue.skin': 'a stiff skin',
   'tissue.anisotropy': 'tissue that is stiffer in one direction',
   'tissue.yield': 'tissue that gives way near the surface',
   'tissue.finite_body': 'walls of the sample',
-  'rig.guide2_position': 'guide 2 is not where it is stated',
-  'rig.surface_position': 'the surface is not where it is stated',
-  'rig.clamp_compliance': 'a needle that turns in guide 1',
-  'rig.frame_compliance': 'a frame that gives way',
+  'rig.guide2_position': 'a position of guide 2 that differs from the stated one',
+  'rig.surface_position': 'a tissue surface that lies deeper or higher than stated',
+  'rig.clamp_compliance': 'a guide 1 that lets the needle tilt',
+  'rig.frame_compliance': 'a frame that bends under load',
   'rig.backlash': 'clearance of the needle in guide 2',
   'rig.play': 'play in the drive of guide 2',
   'rig.friction': 'friction in guide 2',
-  'rig.rear_rotation': 'a needle that turns where it is held',
+  'rig.rear_rotation': 'a clamp that lets the needle tilt, more in one plane',
   'sensor.force_bias': 'a force sensor whose zero is off',
   'sensor.force_gain': 'a force sensor that reads too much or too little',
   'sensor.force_drift': 'a force sensor that drifts',
-  'sensor.crosstalk': 'axes of the force sensor that read each other',
+  'sensor.crosstalk': 'crosstalk between the axes of the force sensor',
   'sensor.delay': 'force readings that come late',
   'sensor.shape_offset': 'a measured shape that is displaced',
   'sensor.shape_scale': 'a measured shape of the wrong scale',
@@ -35,7 +35,7 @@ const PLAIN = {
   'imaging.lag': 'ultrasound frames that come late',
   'imaging.echo_offset': 'an echo beside the needle\u2019s axis',
   'needle.stiffness': 'a needle that is stiffer or softer than stated',
-  'needle.prebend': 'a needle that is bent when it is free',
+  'needle.prebend': 'a needle that is bent without any load',
   'needle.axial_load': 'a needle that is pushed along its axis',
   'tip.load_slope': 'a load on the tip that grows with depth',
   'tip.load_step': (own) => (Number.isFinite(valueOf(own, 'depth_mm')) ? `a load on the tip that jumps at ${number(valueOf(own, 'depth_mm'))} mm` : 'a load on the tip that jumps'),
@@ -54,15 +54,15 @@ function plainName(id, parameters = null) {
 const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 const TERMS = {
-  K: 'Foundation modulus: sideways force of the tissue per length of needle and per deflection. It belongs to needle and tissue together.',
+  K: 'Foundation modulus: sideways force of the tissue per length of needle and per deflection. It depends on both needle and tissue.',
   E: 'Young\u2019s modulus: stiffness of the tissue alone, whatever the needle.',
   interval: 'If everything assumed holds, 95 of 100 such intervals contain the true value.',
   'chi-square per reading': 'Squared misfit over squared noise, on average. About 1: noise alone. 4: the misfit is twice the noise.',
-  'log evidence': 'How much better a model explains all readings, with a penalty for what it can adapt. 2.3 more is ten times as probable.',
+  'log evidence': 'Logarithm of the probability that a model gives to all readings, compared with another model; adjustable parameters lower it. A difference of 2.3 is a factor of ten.',
   residual: 'Measured minus computed by the model.',
-  'standard deviations': 'In units of the noise of one reading: beyond 3 is rarely chance.',
-  'held out': 'Runs that no fit has used: a model that only fits its own data fails on them.',
-  'tip load': 'Sideways force on the tip. A bevel has one, and it bends the path.',
+  'standard deviations': 'Units of the noise of one reading. A value beyond 3 is rarely due to chance.',
+  'held out': 'Runs that no fit has used. They show whether a model predicts new data.',
+  'tip load': 'Sideways force of the tissue on the tip, for example on a bevel. It bends the path.',
   band: 'Contains the measured path at 95 of 100 depths, if everything assumed holds.',
   'plain model': 'A beam on springs of one stiffness, without any effect.',
   effect: 'A piece of physics that can be added to the model, such as a second layer or friction.',
@@ -78,10 +78,10 @@ const TYPICAL = [
 ];
 
 function typicalValues() {
-  return h('details', { id: 'typical' }, h('summary', {}, 'What is usual? Young\u2019s moduli of tissues and gels'),
+  return h('details', { id: 'typical' }, h('summary', {}, 'Typical values: Young\u2019s moduli of tissues and gels'),
     h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Typical moduli' }, h('table', {}, h('thead', {}, h('tr', {}, ...['Tissue', 'E, kPa, about'].map((name) => h('th', { scope: 'col' }, name)))),
       h('tbody', {}, ...TYPICAL.map(([tissue, modulus]) => h('tr', {}, h('th', { scope: 'row' }, tissue), h('td', {}, modulus)))))),
-    h('p', { class: 'note' }, 'Orders of magnitude: method, strain and person change them by a factor of two. They are values of E. K of an 18 gauge needle is about 0.9 times E where the tissue adheres to it. Sources: the manual, Identifying the modulus.'));
+    h('p', { class: 'note' }, 'Orders of magnitude of E; they differ by a factor of two between methods, strains and persons. K of an 18 gauge needle is about 0.9 times E if the tissue adheres to the needle. Sources: the manual, Identifying the modulus.'));
 }
 
 /** The model that a view uses, in words, with a way to what it lacks. */
