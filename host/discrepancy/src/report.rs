@@ -91,7 +91,7 @@ pub struct TermReport {
     pub is_named: bool,
     /// Its probability, beside its rivals and the model without any of them.
     pub probability: f64,
-    /// Logarithm of its odds beside the model without it.
+    /// Logarithm of its odds over the model without it.
     pub ln_odds: f64,
     /// Its numbers.
     pub values: Vec<Estimate>,
@@ -121,7 +121,7 @@ pub struct RefusedReport {
     /// The law.
     #[serde(flatten)]
     pub law: LawName,
-    /// Logarithm of its odds beside the model without it.
+    /// Logarithm of its odds over the model without it.
     pub ln_odds: f64,
     /// Why.
     pub reason: String,

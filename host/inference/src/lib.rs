@@ -6,11 +6,11 @@
 //! | [`predict`], [`insertion`] | tip load and path of a needle that advances, for a session and reading by reading |
 //! | [`track`] | stiffness and damping over steering runs |
 //! | [`diagnose`] | where model and measurement disagree, and which effect is missing |
-//! | [`investigate`] | the run that tells most about what is missing, one after the other |
+//! | [`investigate`] | the most informative run about the missing effect, one run after the other |
 //! | [`plan`] | the interval that a lateral run will give |
 //! | [`check`] | what each command can do with a session |
 //! | [`fit()`], [`LateralData`] | weighted least squares over parameters shared by all runs and nuisances of each run; a lateral run as one of its blocks |
-//! | [`draws`], [`sequential`] | draws from posteriors, in the layout of ArviZ; whether readings still follow a model, asked after every one |
+//! | [`draws`], [`sequential`] | draws from posteriors, in the layout of ArviZ; a sequential test, after every reading, of whether readings still follow a model |
 //! | [`holds`], [`intervals`] | holds and sweeps in the series of a run; profile likelihood and bootstrap |
 //! | [`modulus`], [`relation`], [`indentation`] | from the foundation modulus to Young's modulus; an independent measurement of the latter |
 //! | [`prior`], [`summarize()`] | K from many sessions as a prior; the record of a session for `population` |

@@ -1,10 +1,10 @@
 //! Expected interval of an experiment: the information about K, or about E of an elastic body, in a lateral run, over
 //! depth, displacement and position of guide 2.
 //!
-//! The covariance at the truth is the Cramer-Rao bound, which the likelihood reaches; so the plan is what
-//! [`identify`] will report: noise is that of one reading and averages over the readings of a hold, true
-//! displacements and the force sensor's zero are unknown. The modulus is not known beforehand: every figure is the worst over a range.
-//! `cargo xtask study plan` compares the plan with the scatter of simulated sessions.
+//! The covariance at the true values is the Cramer-Rao bound, which the maximum-likelihood estimate of [`identify`] reaches.
+//! Noise is that of one reading and averages over the readings of a hold; true displacements and the force sensor's zero are
+//! unknown. As the modulus is unknown before the experiment, every figure is the worst over a range of moduli. `cargo xtask
+//! study plan` compares the plan with the scatter of simulated sessions.
 
 use formats::NORMAL_975;
 use formats::prior_file::ModulusPrior;
@@ -30,9 +30,9 @@ pub struct PlanInput {
     pub support: Support,
     /// Standard deviation of Poisson's ratio of a body: it widens the interval of Young's modulus.
     pub poisson_sd: f64,
-    /// Statement about the tissue's walls; a block is in `support` too.
+    /// Statement about the walls of the tissue. A block is also part of `support`.
     pub walls: Option<Walls>,
-    /// Moduli that the tissue may have, least and greatest: K of springs, E of a body.
+    /// Smallest and largest modulus of the tissue: K of springs, E of a body.
     pub modulus_range_pa: [f64; 2],
     /// Standard deviation of one reading of the force.
     pub force_sd_n: f64,
@@ -46,10 +46,10 @@ pub struct PlanInput {
     pub rate_hz: f64,
     /// Length of every hold.
     pub hold_s: f64,
-    /// Holds of the run, as multiples of the displacement: 0 is a hold at zero displacement, which determines the force sensor's
-    /// zero; without one the zero is taken as right, as `identify` does.
+    /// Holds of the run, as multiples of the displacement: 0 is a hold at zero displacement, which determines the force
+    /// sensor's zero. Without such a hold the zero is assumed to be exact, as in `identify`.
     pub levels: Vec<f64>,
-    /// Effects whose parameters are unknown too, with their priors.
+    /// Effects whose parameters are nuisance parameters with priors.
     pub nuisances: Vec<&'static dyn Effect>,
     /// Insertion depths to choose from.
     pub depths_m: Vec<f64>,
@@ -72,7 +72,7 @@ pub struct Limits {
     pub deflection_m: f64,
 }
 
-/// One experiment and what it will give; the worst over the range of moduli.
+/// One experiment and its expected results, each the worst over the range of moduli.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Choice {
     /// Position of guide 2.
@@ -84,7 +84,7 @@ pub struct Choice {
     /// Half the width of the 95 % interval of K, or of E where the tissue is a body; infinite (`null` in JSON) beyond 1000 %, where the
     /// modulus is not identifiable.
     pub half_width_percent: f64,
-    /// The same with what many sessions predict of K; `None` where that is not given.
+    /// The same half-width with the prior of K from many sessions; `None` without such a prior.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub half_width_with_prior_percent: Option<f64>,
     /// Largest lateral force.
@@ -93,20 +93,20 @@ pub struct Choice {
     pub needle_strain_percent: f64,
     /// Largest deflection inside the tissue.
     pub deflection_mm: f64,
-    /// Whether all limits are kept.
+    /// Whether the experiment is within all limits.
     pub within_limits: bool,
 }
 
-/// Every experiment in question, and the best of them.
+/// All candidate experiments, and the best one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Plan {
-    /// Name and version of this form.
+    /// Name and version of this schema.
     pub schema: &'static str,
     /// The run that is assumed.
     pub protocol: Protocol,
-    /// All of them, by guide position, depth and displacement.
+    /// All experiments, by guide position, depth and displacement.
     pub choices: Vec<Choice>,
-    /// The narrowest interval within the limits; `None` where none keeps them.
+    /// The experiment with the narrowest interval within the limits; `None` if no experiment is within them.
     pub best: Option<Choice>,
     /// Prior of K from many sessions; `None` if it was not given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -114,7 +114,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The same plan with what many sessions predict of K, whose interval is reported beside the one of every run alone.
+    /// The same plan with the prior of K from many sessions. Its interval is reported beside that of the run alone.
     pub fn with_prior(mut self, prior: &ModulusPrior) -> Self {
         let prior = PriorResult::new(prior, None);
         let prior_sd = prior.with_prior.map_or(f64::INFINITY, |prior| prior.ln_k_sd);
@@ -142,7 +142,7 @@ pub struct Protocol {
     pub hold_s: f64,
     /// Holds, as multiples of the displacement.
     pub levels: Vec<f64>,
-    /// Readings that a hold's mean is made of: without those at its ends, which may still be motion.
+    /// Number of readings in the mean of a hold, without those at its ends, which may belong to a motion.
     pub readings_per_hold: f64,
     /// Standard deviation of one reading of the force.
     pub force_sd_n: f64,
@@ -156,14 +156,14 @@ pub struct Protocol {
     pub poisson: Option<f64>,
     /// Its standard deviation.
     pub poisson_sd: f64,
-    /// The walls of a body, on which E rests; where they are not stated no half-width allows for them.
+    /// The walls of a body, on which E depends. If they are not stated, the half-widths do not include their uncertainty.
     pub walls: Option<WallsResult>,
 }
 
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// A quantity is none that a run can have.
+    /// A quantity has a value that no run can have.
     #[error("{field}: {value}, expected {least} to {most}")]
     OutOfRange {
         /// The quantity, with unit.
@@ -218,13 +218,13 @@ const MIN_POINTS: usize = modulus::energy::MIN_POINTS;
 /// Number of moduli of the range at which a choice is evaluated.
 const MODULI: u32 = 5;
 const LN_STEP: f64 = 1e-4;
-/// An interval wider than this is none.
+/// A modulus with a wider interval than this is not identifiable.
 const MAX_HALF_WIDTH_PERCENT: f64 = 1e3;
 /// Fewest readings of a hold.
 const MIN_READINGS: f64 = 20.0;
 
 impl PlanInput {
-    /// Readings of which a hold's mean is made: detection cuts off what may still be motion at its ends.
+    /// Number of readings in the mean of a hold: the detection cuts off both ends, which may belong to a motion.
     pub fn readings_per_hold(&self) -> f64 {
         (self.rate_hz * (self.hold_s - trimmed_s(1.0 / self.rate_hz))).floor().max(1.0)
     }
@@ -311,7 +311,7 @@ fn check_range(
     wrong.map_or(Ok(()), |value| Err(PlanError::OutOfRange { field, value, least, most }))
 }
 
-/// Works out every choice.
+/// Evaluates every choice.
 ///
 /// # Errors
 /// [`PlanError`] where a quantity is out of range or a choice cannot be modelled.
@@ -373,7 +373,7 @@ fn choice(question: &PlanInput, rig: &Rig, depth_m: f64, displacement_m: f64) ->
         };
         let half_width_percent = 100.0 * ((NORMAL_975 * sd_ln.hypot(by_poisson)).exp() - 1.0);
 
-        // No number is larger than this, and none is none.
+        // The largest half-width that is reported; a wider interval is infinite.
         let half_width_percent =
             if half_width_percent <= MAX_HALF_WIDTH_PERCENT { half_width_percent } else { f64::INFINITY };
         choice.half_width_percent = choice.half_width_percent.max(half_width_percent);

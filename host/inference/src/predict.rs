@@ -1,7 +1,7 @@
-//! Predicting the tip's path: tip load from the first part of each insertion, path with its band for the rest.
+//! Prediction of the tip's path: the tip load from the first part of each insertion, and the path with its band for the rest.
 //!
-//! Each insertion is predicted as if it were the next one: from the other insertions of the session (leave one out), from its own
-//! first part, from the modulus of the lateral runs where there are any, and from nothing of its own beyond that.
+//! Each insertion is predicted as if it were the next one: from the other insertions of the session (leave one out), from its
+//! own first part, and from the modulus of the lateral runs, if there are any. Readings beyond the first part are not used.
 
 mod at_rest;
 mod average;
@@ -133,8 +133,8 @@ fn located(run: &InsertionRun, why: PathError) -> String {
 const TIP: &str = "tip.";
 const YIELD: &str = "tissue.yield";
 
-/// Effects of the model that the prediction does not use: it finds load and angle of the tip again in every insertion,
-/// and its responses are those of tissue that does not yield.
+/// Effects of the model that the prediction does not use: load and angle of the tip are estimated again in every insertion, and
+/// the responses are those of tissue without yielding.
 fn not_applied(options: &Options) -> Vec<String> {
     let ids = || options.effects.iter().map(|(effect, _)| effect.id());
     let tip: Vec<&str> = ids().filter(|id| id.starts_with(TIP)).collect();
@@ -163,14 +163,14 @@ struct Workflow<'a> {
     paths: &'a [TipPath],
     /// Start of the search of every fold.
     start: Option<&'a Start>,
-    /// For those in which guide 2 rests and the rear is not known, and which these are.
+    /// Candidates for the insertions in which guide 2 rests and the rear is unknown, and the numbers of these insertions.
     at_rest: Option<&'a AtRest>,
     resting: Vec<bool>,
 }
 
-/// Start of the search of every fold: found once, from nothing that lies beyond the depth from which predictions start.
+/// Start of the search in every fold. It is found once, from readings up to the depth at which predictions begin.
 fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &[TipPath]) -> Option<Start> {
-    // Numbers must stay those of the candidates: all recordings, or none.
+    // The numbers have to remain those of the candidates, so that either all recordings are used or none.
     let observed: Option<Vec<TipPath>> = paths.iter().map(|path| path.until(options.until_m).ok()).collect();
     let runs: Vec<_> = session.insertion.iter().map(|run| (run, options.until_m)).collect();
     let position_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
@@ -178,7 +178,7 @@ fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &
     start(candidates, &observed?, noise)
 }
 
-/// Noise of a reading of the tip's direction: as stated, or as rest rows show it.
+/// Noise of a reading of the tip's direction: the stated one, or that of the rows at rest.
 fn direction_rad(session: &Session, runs: &[(&InsertionRun, f64)]) -> f64 {
     session.noise.tip_direction_rad.or_else(|| direction_scatter_rad(runs)).unwrap_or(DIRECTION_NOISE.mean())
 }
@@ -193,7 +193,7 @@ impl Workflow<'_> {
     ) -> Result<InsertionResult, PathError> {
         let Options { until_m, to_m, learn: from_others, published_from_m, .. } = *self.options;
         let observed = path.until(until_m)?;
-        // A tip load that is reported at a depth without a reading would be a prediction.
+        // A tip load at a depth without a reading would be a prediction, so that none is reported there.
         let until_m = until_m.min(path.deepest_m);
         let earlier: Vec<usize> =
             (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
@@ -281,9 +281,9 @@ impl Workflow<'_> {
         Ok(result)
     }
 
-    /// Noise of one tip reading: as stated, or as the rest rows of the others, or of the observed part of `run`, show
-    /// it; and that of its position as they show it, where they do. If neither states it, it is 0, because then it is
-    /// part of the irregularity.
+    /// Noise of one tip reading: the stated one, or that of the rows at rest of the other insertions or of the observed part of
+    /// `run`; and the noise of its position from such rows, if there are any. Without either it is 0, because it is then part
+    /// of the irregularity of the path.
     fn noise(&self, run: &InsertionRun, from_others: bool) -> (ReadingNoise, f64) {
         let other_runs = self.session.insertion.iter().filter(|other| other.id != run.id);
         let recordings: Vec<_> = match from_others {
@@ -301,7 +301,7 @@ impl Workflow<'_> {
 const AT_REST: &str = "guide 2 rests in what is learned from and the stiffness of the needle's rear is not known: any modulus explains the paths with another \
                        tip load; modulus and gap are not identifiable, tip loads are those over the moduli assumed beforehand. Move guide 2 on the way";
 
-/// Advice if a quantity runs to an end of its range.
+/// Advice for a quantity whose estimate is at an end of its range.
 fn end_of_range(name: &str, determined: Identifiability) -> Option<String> {
     let end = match determined {
         Identifiability::LowerBound => "upper",
@@ -331,7 +331,7 @@ fn warnings(observed: &TipPath, path: &TipPath) -> Vec<String> {
     if first_mm > 10.0 {
         warnings.push(format!("the first sample in the tissue is at {first_mm:.1} mm"));
     }
-    // Some rows always are: before the surface, and at the end.
+    // Some rows always lie outside: before the surface, and at the end.
     let row_count: f64 = path.bins.iter().map(|bin| bin.rows).sum();
     if path.rows_skipped as f64 > 0.2 * row_count {
         warnings.push(format!(

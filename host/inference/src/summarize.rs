@@ -1,4 +1,4 @@
-//! From a session to its record for statistics over many sessions, `needle.summary/1`.
+//! The record of a session for statistics over many sessions, `needle.summary/1`.
 
 use diagnose::{
     Diagnosis, EffectAmplitude, INCOMPRESSIBLE, Linearisation, Options, ScaleKind, Verdict,
@@ -9,11 +9,11 @@ use formats::session::{Covariate, Labels, Session, SessionError};
 use population::{Amplitude, Interval, NamedEffect, SessionResult, Summary, Value};
 use std::path::Path;
 
-/// Digits of what is derived: enough for every interval.
+/// Number of digits of derived quantities: enough for every interval.
 const DIGITS: usize = 6;
 
-/// The record of the session in a folder. The error of a failed part is its `error`: a session
-/// stops no other.
+/// The record of the session in a folder. A failed part states its `error` in the record, so that one session does not stop the
+/// others.
 pub fn summarize(dir: &Path, seed: u64) -> Summary {
     let id = dir.display().to_string();
     match (Session::read(dir), Labels::read(dir)) {
@@ -71,7 +71,7 @@ fn result(found: &Diagnosis, linearised: &Linearisation) -> SessionResult {
     let (ln_modulus_pa, ln_modulus_sd) = linearised.ln_modulus_pa;
     let half_width = 0.5 * (high / low).ln();
     let (ln_k_kpa, ln_k_sd) = match found.verdict {
-        // The interval spans the values of competing effects: its ends are as likely as its middle.
+        // The interval spans the values of competing effects, so that its ends are as likely as its middle.
         Verdict::Ambiguous => (0.5 * (high * low).ln(), half_width),
         _ => (found.k_kpa.ln(), half_width / NORMAL_975),
     };
@@ -141,7 +141,7 @@ fn amplitude(one: &EffectAmplitude) -> Option<Amplitude> {
     })
 }
 
-/// A number with as many digits as matter.
+/// A number rounded to the significant digits.
 fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;

@@ -1,4 +1,4 @@
-//! Abilities of each workflow with a session: its own first check of every run, without a fit.
+//! The runs of a session that each workflow can use, by the workflow's own checks and without a fit.
 
 use super::{Capability, Skipped};
 use diagnose::{DiagnoseError, data_split};
@@ -7,9 +7,9 @@ use identify::examine;
 use insertion::TipPath;
 use track::dynamics;
 
-/// Least depth to which an insertion can be observed, millimetres, as `guide predict --until` accepts it.
+/// Smallest depth up to which an insertion can be observed, millimetres: the smallest `guide predict --until`.
 const MIN_UNTIL_MM: f64 = 5.0;
-/// Bins that a prediction needs to begin with.
+/// Smallest number of depth bins for a prediction.
 const MIN_BINS: usize = 3;
 
 /// The workflows, in the order in which they are used.
@@ -66,7 +66,7 @@ fn identify(session: &Session) -> Capability {
     ability.usable = !ability.runs.is_empty();
     let references = session.indentation.len();
     if session.lateral.is_empty() && references > 0 {
-        // E of the indentations alone.
+        // Young's modulus from the indentations alone.
         ability.usable = true;
         ability.runs = session.indentation.iter().map(|run| run.id.clone()).collect();
     } else if references > 0 {

@@ -1,5 +1,4 @@
-//! Whether a session is right, and what can be done with it: every fault of every file, what can be read but is
-//! suspect, and which workflow can use which run. There is no fit.
+//! Check of a session without a fit: all errors in its files, suspicious content, and the runs that each workflow can use.
 
 mod capabilities;
 
@@ -18,13 +17,13 @@ const SCHEMA: &str = "guide.check/2";
 pub struct Capability {
     /// The sub-command of `guide`.
     pub command: &'static str,
-    /// Whether it would give a result, once nothing is wrong.
+    /// Whether it would give a result once all errors are corrected.
     pub usable: bool,
     /// Runs that it would use.
     pub runs: Vec<String>,
     /// Runs that it would skip.
     pub skipped: Vec<Skipped>,
-    /// More of it, for people.
+    /// Remarks for people.
     pub remarks: Vec<String>,
 }
 
@@ -50,7 +49,7 @@ pub struct Check {
     pub empty: bool,
     /// Errors first.
     pub findings: Vec<Finding>,
-    /// Abilities of each command, with the content that could be read.
+    /// Runs that each command can use, from the content that could be read.
     pub abilities: Vec<Capability>,
 }
 
@@ -61,7 +60,7 @@ impl Check {
     }
 }
 
-/// Checks the session in a folder. There is a result for any content.
+/// Checks the session in a folder. It returns a result whatever the folder contains.
 pub fn check(dir: &Path) -> Check {
     let Survey { session, faults, unknown, misspelt, cut_rows, outside } = Session::survey(dir);
     let mut findings: Vec<Finding> = Vec::new();

@@ -10,19 +10,19 @@ use std::path::{Path, PathBuf};
 /// Name of the file in the session's folder.
 const FILE: &str = "investigation.json";
 const SCHEMA: &str = "guide.investigate/1";
-/// Explanations that are kept of a step.
+/// Number of explanations that are kept per step.
 const KEPT: usize = 6;
-/// Least probability that the steps before are taken to have given an explanation: what was never in question is as unlikely as what is not kept.
+/// Lower bound of the probability of an explanation at an earlier step, used for explanations that were not kept there.
 const UNLIKELY: f64 = 1e-3;
 
 /// All steps so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Log {
-    /// Name and version of the form.
+    /// Name and version of this schema.
     pub schema: String,
     /// The steps.
     pub steps: Vec<Step>,
-    /// Why it ended; nothing while it goes on.
+    /// Reason of the end; `None` while the investigation goes on.
     pub end: Option<End>,
 }
 
@@ -41,7 +41,8 @@ pub struct Step {
     pub k_kpa: f64,
     /// Its 95 % interval, kPa.
     pub k_ci95_kpa: [f64; 2],
-    /// Divergence of these probabilities from those of the step before, nats: what the last run told.
+    /// Kullback-Leibler divergence of these probabilities from those of the step before, nats: the information from the last
+    /// run.
     pub realised_nats: Option<f64>,
     /// The run that was chosen.
     pub next: Option<Next>,
@@ -65,11 +66,11 @@ pub struct Next {
     pub what: String,
     /// Minutes that it takes.
     pub minutes: f64,
-    /// Expected information about what is missing, nats.
+    /// Expected information about the missing effect, nats.
     pub information_nats: f64,
     /// Expected information about the modulus, nats.
     pub modulus_nats: f64,
-    /// Effects about which it tells most.
+    /// Effects about which it is most informative.
     pub reasons: Vec<String>,
 }
 
@@ -84,7 +85,7 @@ pub enum LogError {
         /// The error.
         source: io::Error,
     },
-    /// It is no log.
+    /// The file is no log.
     #[error("{}:{}:{}: {source}; expected a file of `guide investigate` (remove it to begin anew)", path.display(), source.line(), source.column())]
     Form {
         /// The file.
@@ -95,7 +96,7 @@ pub enum LogError {
 }
 
 impl Log {
-    /// Log of a session, to go on with; a new one if there is none.
+    /// Log of a session, to be continued; a new one if there is none.
     ///
     /// # Errors
     /// [`LogError`] where there is a file of this name that is none.
@@ -125,7 +126,8 @@ impl Log {
         Ok(path)
     }
 
-    /// With one more diagnosis. One of the runs of the last step takes its place: the investigation is resumed there.
+    /// Adds a diagnosis. If it is of the same runs as that of the last step, it replaces that step, at which the investigation
+    /// resumes.
     pub fn push(&mut self, runs: usize, diagnosis: &Diagnosis, prospects: &Prospects) {
         self.steps.retain(|step| step.runs < runs);
         let explanations: Vec<Explanation> =
@@ -164,7 +166,7 @@ impl Log {
 }
 
 impl Step {
-    /// Divergence of later probabilities from these, nats.
+    /// Kullback-Leibler divergence of later probabilities from these, nats.
     fn told_by(&self, later: &[Explanation]) -> f64 {
         let before = |effects: &[String]| {
             let known = self.explanations.iter().find(|one| one.effects == effects);

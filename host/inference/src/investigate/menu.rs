@@ -4,9 +4,10 @@ use formats::session::Session;
 use simulation::simulate::{Axis, LateralPlan, SweepLevels};
 
 const MM: f64 = 1e-3;
-/// Levels of a staircase as multiples of the largest: up, down and through zero, so that friction, clearance and creep show themselves.
+/// Levels of a staircase as multiples of the largest: up, down and through zero, so that friction, clearance and creep have an
+/// effect on the readings.
 const STAIRCASE: [f64; 9] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0, 2.0 / 3.0, 0.0, -0.5, -1.0, 0.0];
-/// Holds of a staircase and of a run that waits for what creeps, s.
+/// Duration of a hold in a staircase, and in a run that waits for creep, s.
 const HOLD_S: f64 = 3.0;
 const LONG_HOLD_S: f64 = 30.0;
 /// Speeds of guide 2, m/s.
@@ -14,9 +15,9 @@ const SPEED_M_PER_S: f64 = 1e-3;
 const FAST_M_PER_S: f64 = 10e-3;
 /// Readings per second of a planned run where the session has none.
 const RATE_HZ: f64 = 20.0;
-/// Depths of a rig of which nothing is known, mm: where laboratories measure.
+/// Depths for a rig without any statement, mm: usual depths of laboratories.
 const DEPTHS_MM: [f64; 3] = [20.0, 30.0, 40.0];
-/// Largest displacement of guide 2 of such a rig, mm.
+/// Largest displacement of guide 2 for such a rig, mm.
 const DISPLACEMENT_MM: f64 = 1.2;
 /// Distance by which another depth is proposed beyond those measured, mm.
 const DEEPER_MM: f64 = 10.0;
@@ -30,9 +31,9 @@ pub struct Menu {
     pub axes: Vec<Axis>,
     /// Largest displacement of guide 2 in an ordinary run, and the largest that is allowed, mm.
     pub displacement_mm: [f64; 2],
-    /// Minutes that another depth takes.
+    /// Minutes that a change of depth takes.
     pub change_min: f64,
-    /// Whether only the present depth is within reach: nobody is there to change it.
+    /// Whether only the present depth is possible, because no person is there to change it.
     pub stays: bool,
 }
 
@@ -50,7 +51,7 @@ pub struct PlannedRun {
 }
 
 impl Menu {
-    /// For a session that may have no run yet; what is given replaces what the session suggests.
+    /// Menu for a session, which may have no run yet. Stated bounds replace those that the session suggests.
     pub fn new(session: Option<&Session>, depths_mm: &[f64], displacement_mm: Option<f64>) -> Self {
         let measured =
             || session.into_iter().flat_map(|session| &session.lateral).filter(|run| !run.is_in_air());
@@ -71,7 +72,7 @@ impl Menu {
                 run.force.displacement_y_m.iter().chain(run.force.displacement_x_m.iter().flatten())
             })
             .fold(0.0, |most: f64, moved_m| most.max(moved_m.abs() / MM));
-        // Readings are noisy: tenths of a millimetre are what was asked for.
+        // Readings are noisy, so that a requested displacement is taken to be a multiple of a tenth of a millimetre.
         let usual_mm = (10.0 * moved_mm).round() / 10.0;
         let usual_mm = if usual_mm > 0.0 { usual_mm } else { DISPLACEMENT_MM };
         let most_mm = displacement_mm.unwrap_or(2.0 * usual_mm);

@@ -1,5 +1,5 @@
-//! An investigation: diagnose, choose the run that tells most per minute, measure, diagnose again, until one explanation is left or no run would
-//! tell.
+//! An investigation: diagnose, choose the most informative run per minute, measure, and diagnose again, until one explanation
+//! is left or no run would be informative.
 //!
 //! [`Menu`] has the runs that the rig can make, [`decide`] chooses, [`Log`] is the file in the session's folder that makes the investigation
 //! resumable and shows how the probabilities moved.
@@ -15,17 +15,18 @@ use serde::{Deserialize, Serialize};
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
-/// Probability from which on a diagnosis states something; the name of its verdict has it, too.
+/// Probability from which on a diagnosis makes a statement, a named effect among them.
 const DECIDED: f64 = 0.95;
-/// Entropy of a statement of that probability, `-0.95 ln 0.95 - 0.05 ln 0.05` nats: a decided question leaves no more than that open.
+/// Entropy of a statement of that probability, `-0.95 ln 0.95 - 0.05 ln 0.05` nats: a question with a smaller entropy is
+/// decided.
 const DECIDED_NATS: f64 = 0.198_515;
 
 /// Goal of an investigation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// The name of what is missing.
+    /// Naming the missing effect.
     Name,
-    /// The modulus within this fraction of it, half the width of its 95 % interval.
+    /// A half-width of the 95 % interval of the modulus below this fraction of the modulus.
     Modulus(f64),
 }
 
@@ -50,15 +51,15 @@ fn expected_goal() -> String {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
-    /// The missing effect has its name.
+    /// The missing effect has a name.
     Named,
     /// No effect is missing, and no run of the menu is expected to show one.
     NothingMissing,
-    /// Something is missing, and no run of the menu is expected to tell what.
+    /// An effect is missing, and no run of the menu is expected to identify it.
     NothingWouldTell,
-    /// The modulus is known as well as was wanted.
+    /// The modulus is known with the requested accuracy.
     ModulusKnown,
-    /// As many runs as were allowed.
+    /// The allowed number of runs is reached.
     MaxRuns,
     /// The person does not want to go on.
     Stopped,
@@ -106,8 +107,8 @@ pub struct Bounds {
     pub force_limit_n: f64,
 }
 
-/// The run with the most information per minute, or the reason to stop. A run is worth making where as many of its kind as may still be made
-/// could decide what is open: information of several runs is at most the sum of theirs.
+/// The run with the most information per minute, or the reason to stop. A run is worthwhile if the remaining runs, all of its
+/// kind, could decide the open question: the information of several runs is at most the sum of that of each.
 pub fn decide(
     goal: Goal,
     diagnosis: &Diagnosis,

@@ -1,9 +1,8 @@
-//! Insertions through one guide that rests, of a needle whose rear is not known.
+//! Insertions through a single guide at rest, of a needle with an unknown rotation stiffness at its rear.
 //!
-//! No load of known size then acts on the needle: any modulus explains a path with another load and another rear, and
-//! what a likelihood prefers among them is the form of the load that a model assumes (one that is constant but for its
-//! process noise), not a measurement. Modulus and gap are those assumed beforehand, and the load is that over the
-//! moduli assumed beforehand.
+//! No load of known size then acts on the needle, so that any modulus explains a path, with another load and another rear. A
+//! likelihood would prefer one of them only because of the assumed form of the load (constant but for process noise). Therefore
+//! modulus and gap keep their priors, and the load is averaged over the prior of the modulus.
 
 use super::Options;
 use insertion::{
@@ -16,18 +15,18 @@ use statrs::distribution::{ContinuousCDF, Normal};
 /// Points and weights of a Gauss-Hermite quadrature over a normal distribution: exact for polynomials of degree five.
 const POINTS: [(f64, f64); 3] =
     [(-1.732_050_807_568_877_2, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732_050_807_568_877_2, 1.0 / 6.0)];
-/// Standard deviation of the logarithm of a modulus that is held at a point.
+/// Standard deviation of the logarithm of a modulus that is fixed at a point.
 const HELD_LN: f64 = 0.02;
-/// A prior of the logarithm of the modulus that is not wider states it.
+/// Widest prior of the logarithm of the modulus that counts as a statement of the modulus.
 const STATED_LN: f64 = 0.3;
 
-/// Candidates of a few moduli that stand for what is assumed beforehand, with their weights.
+/// Candidates at a few moduli that represent the prior, with their weights.
 pub(super) struct AtRest {
     of_moduli: Vec<(f64, Candidates)>,
 }
 
-/// For every insertion whether its modulus could be identified from nothing but the form of paths: the rear is not known, and guide 2
-/// rests in all that is learned from and in its own observed part.
+/// For every insertion, whether only the form of paths could identify its modulus: the rear is unknown, and guide 2 rests in
+/// all training data and in its own observed part.
 pub(super) fn resting(tissue: &Tissue, paths: &[TipPath], options: &Options) -> Vec<bool> {
     let is_open = tissue.rear.is_some() && tissue.modulus_sd_ln > STATED_LN;
     (0..paths.len())
@@ -94,7 +93,7 @@ impl AtRest {
 /// Posteriors of an insertion under each of a few moduli, from the softest to the stiffest, with their weights.
 pub(super) type OfModuli<'a> = Vec<(f64, Posterior<'a>)>;
 
-/// Tip load of one insertion at each depth, per plane, over the moduli assumed beforehand.
+/// Tip load of one insertion at each depth, per plane, averaged over the prior of the modulus.
 pub(super) fn load_n(of_moduli: &OfModuli<'_>, depths_m: &[f64]) -> Vec<Vec<Moments>> {
     let mut sums: Vec<Vec<Moments>> = Vec::new();
     for (weight, posterior) in of_moduli {
@@ -114,8 +113,8 @@ pub(super) fn load_n(of_moduli: &OfModuli<'_>, depths_m: &[f64]) -> Vec<Vec<Mome
     sums
 }
 
-/// Draws of the tip load at each depth, per plane: each under the modulus that stands for the one drawn, of which `standard` has the
-/// logarithm as a standard variate.
+/// Draws of the tip load at each depth, per plane. Each is conditional on the quadrature point nearest to a drawn modulus,
+/// whose logarithm is a standard variate in `standard`.
 pub(super) fn draw_loads(
     of_moduli: &OfModuli<'_>,
     standard: &[f64],

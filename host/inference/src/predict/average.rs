@@ -1,4 +1,5 @@
-//! A prediction by several models that explain the same runs: each predicts, and the results are averaged by their probabilities.
+//! Bayesian model averaging of a prediction: every model that explains the runs predicts, and the results are averaged with the
+//! models' probabilities.
 //!
 //! A tissue of two layers and one whose modulus grows with depth may explain the runs equally well and disagree on the tip load by more
 //! than its noise. An interval by one of them alone is too narrow (Bayesian model averaging, Hoeting et al. 1999,
@@ -22,7 +23,7 @@ type Part = (f64, f64, f64);
 /// Mean and standard deviation.
 type Moments = (f64, f64);
 
-/// Predicts by the model of the options and by the others, and averages.
+/// Predicts with the model of the options and with the others, and averages.
 pub(super) fn predict(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
     let alone = Options { others: Vec::new(), ..options.clone() };
     let other_models = different(options);
@@ -100,7 +101,7 @@ fn sum(others: &[OtherModel]) -> f64 {
     others.iter().map(|other| other.probability).sum()
 }
 
-/// The other models that predict something else: what differs only in effects that no prediction applies is the same model.
+/// The other models with a different prediction. Models that differ only in effects that a prediction does not apply are equal.
 fn different(options: &Options) -> Vec<OtherModel> {
     fn applied(effects: &Effects) -> Vec<(&'static str, &[f64])> {
         let by_effect = effects.iter().map(|(effect, values)| (effect.id(), values.as_slice()));
@@ -117,7 +118,7 @@ fn different(options: &Options) -> Vec<OtherModel> {
         .collect()
 }
 
-/// One insertion as all models have it.
+/// One insertion, averaged over all models.
 fn average(own: &mut InsertionResult, weight: f64, others: &[(f64, InsertionResult)]) {
     let all_results: Vec<(f64, InsertionResult)> =
         std::iter::once((weight, own.clone())).chain(others.iter().cloned()).collect();
@@ -181,8 +182,8 @@ fn mixed_scalar(
     weighted_values.map(|weighted_values| (moments(&weighted_values), mixture_interval(&weighted_values)))
 }
 
-/// Modulus and gap: mixtures on the scale of their logarithms. A bound that only one of the models has stays as in the
-/// first.
+/// Modulus and gap: mixtures on the scale of their logarithms. If only some models give a bound, that of the first model is
+/// kept.
 fn of_tissue(own: &mut LearnedResult, all: &[(f64, &LearnedResult)]) {
     let modulus = mixed_interval(|learned| (learned.k_kpa, learned.k_ci95_kpa, learned.k_status), all);
     let gap = mixed_interval(|learned| (learned.gap_mm, learned.gap_ci95_mm, learned.gap_status), all);
@@ -221,7 +222,7 @@ fn moments(parts: &[Part]) -> (f64, f64) {
     )
 }
 
-/// Mean, and ends of the 95 % band, of mixtures at every depth, from the bands of each model.
+/// Mean and ends of the 95 % band of the mixture at every depth, from the bands of the models.
 fn bands(all: impl Iterator<Item = (f64, [Vec<f64>; 2])>) -> [Vec<f64>; 3] {
     let weighted_bands: Vec<_> = all.collect();
     let depths = weighted_bands.iter().map(|(_, [low, high])| low.len().min(high.len())).min().unwrap_or(0);

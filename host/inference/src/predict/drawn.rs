@@ -5,10 +5,10 @@ use super::results::Grid;
 use insertion::{PathDraw, Tissue};
 use readings::draws::{Draws, Group, Random};
 
-/// First of the streams of random numbers of insertions, three for each.
+/// Number of the first random stream of the insertions; each insertion has three.
 const INSERTIONS: u64 = 100;
 const STREAMS: u64 = 3;
-/// Every so many millimetres the tip load is drawn: it changes linearly over longer stretches.
+/// Distance between the depths at which the tip load is drawn, millimetres; between them it is interpolated linearly.
 const LOAD_EVERY_MM: usize = 5;
 
 /// The random numbers of one insertion.
@@ -19,23 +19,23 @@ impl Streams {
         Self(draws.options().seed, INSERTIONS + STREAMS * insertion as u64)
     }
 
-    /// Those of the posterior.
+    /// Stream of the posterior.
     pub fn posterior(&self) -> Random {
         Random::new(self.0, self.1)
     }
 
-    /// Those of what was assumed beforehand.
+    /// Stream of the prior.
     pub fn prior(&self) -> Random {
         Random::new(self.0, self.1 + 1)
     }
 
-    /// Those of the noise of readings.
+    /// Stream of the noise of readings.
     fn noise(&self) -> Random {
         Random::new(self.0, self.1 + 2)
     }
 }
 
-/// Modulus and gap as they are assumed beforehand: standard variates of their logarithms.
+/// Draws of modulus and gap from their priors, as standard variates of their logarithms.
 pub(super) struct Assumed {
     modulus: Vec<f64>,
     gap: Vec<f64>,
@@ -59,7 +59,7 @@ pub(super) fn loads_at_m(grid: &Grid) -> Vec<f64> {
     grid.depth_m.iter().copied().step_by(LOAD_EVERY_MM).chain([grid.until_m()]).collect()
 }
 
-/// One insertion and what was drawn of it.
+/// One insertion and its draws.
 pub(super) struct DrawnInsertion<'a> {
     pub id: &'a str,
     pub tissue: &'a Tissue,
@@ -67,7 +67,7 @@ pub(super) struct DrawnInsertion<'a> {
     /// Path of each draw; its tip load is at [`loads_at_m`].
     pub paths: &'a [PathDraw],
     pub assumed: &'a Assumed,
-    /// Whether modulus and gap are those assumed beforehand.
+    /// Whether modulus and gap are from their priors.
     pub is_assumed: bool,
     /// Standard deviation of a measured median about the path.
     pub noise_m: f64,

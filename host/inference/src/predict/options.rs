@@ -12,23 +12,23 @@ use readings::draws::DrawOptions;
 pub struct Options {
     /// Depth up to which an insertion is observed.
     pub until_m: f64,
-    /// Depth to which it is predicted; to its last recorded depth where not given.
+    /// Depth to which it is predicted; the last recorded depth if it is not stated.
     pub to_m: Option<f64>,
-    /// Learn from the other insertions of the session.
+    /// Whether the other insertions of the session are training data.
     pub learn: bool,
     /// Modulus and its standard deviation, Pa, instead of the one identified from the lateral runs.
     pub modulus_pa: Option<[f64; 2]>,
-    /// Take two layers from the lateral runs.
+    /// Whether two layers are identified from the lateral runs.
     pub layers: bool,
     /// Effects with the values of their parameters.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
-    /// Other models that explain what these effects were learned from: the prediction is averaged over all.
+    /// Other models that explain the same runs; the prediction is averaged over all of them.
     pub others: Vec<OtherModel>,
-    /// Uncertainty of the values of the rig: in the interval of the modulus of the lateral runs.
+    /// Uncertainty of the rig's parameters, which widens the interval of the modulus from the lateral runs.
     pub known: Vec<KnownParameter>,
-    /// Sizes of the discrepancy above those of an ordinary rig, as multiples.
+    /// Scales of the discrepancy relative to those of an ordinary rig, where they are larger.
     pub discrepancy: Multiples,
-    /// Prior of K from many sessions; the result without it is reported too. Not for two layers.
+    /// Prior of K from many sessions; the result without it is reported too. It is not available for two layers.
     pub prior: Option<ModulusPrior>,
     /// Draws from the posterior beside the result.
     pub draws: Option<DrawOptions>,
@@ -56,7 +56,8 @@ impl Default for Options {
 }
 
 impl Options {
-    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
+    /// Adds the characterized rig (`guide characterize`): its effects with their intervals. Values that were stated before are
+    /// kept.
     #[must_use]
     pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
         if let Some(rig) = rig {
@@ -68,8 +69,8 @@ impl Options {
         self
     }
 
-    /// With a model that was learned: its effects, its discrepancy, its modulus where `needs_modulus`, and the other models of the same
-    /// file. Effects and a modulus that are there already stay, in all models.
+    /// Adds a model from a file: its effects, its discrepancy, its modulus if `needs_modulus`, and its alternative models.
+    /// Effects and a modulus that were stated before are kept, in all models.
     #[must_use]
     pub fn with_model(mut self, model: &ModelFile, needs_modulus: bool) -> Self {
         let stated = self.modulus_pa;

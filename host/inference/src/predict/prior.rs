@@ -1,4 +1,4 @@
-//! A prediction with what many sessions predict of K, and without it beside.
+//! A prediction with a prior of K from many sessions, beside the prediction without it.
 
 use super::tissue::stated_or_lateral;
 use super::{Options, PredictError, Prediction, PredictionPrior, WithoutPrior, predict_from};
@@ -7,10 +7,10 @@ use formats::prior_file::ModulusPrior;
 use formats::session::Session;
 use modulus::prior::PriorResult;
 
-/// Least standard deviation of ln K of a modulus that is stated without one.
+/// Standard deviation of ln K for a modulus that is stated without one.
 const MIN_SD_LN: f64 = 1e-3;
 
-/// Predicts without the prior, compares, and predicts with it where it does not contradict.
+/// Predicts without the prior, checks the prior against the data, and predicts with it if the two agree.
 pub(super) fn predict_with(
     session: &Session,
     options: &Options,
@@ -49,7 +49,7 @@ fn of_paths(prior: &ModulusPrior, plain: &Prediction) -> PriorResult {
     });
     let most_precise = identified_modulus.filter(|(_, sd)| *sd > 0.0).min_by(|a, b| a.1.total_cmp(&b.1));
     let (checked, alone) = (PriorResult::new(prior, most_precise), PriorResult::new(prior, None));
-    // The paths are data of the prediction itself: they must not count twice.
+    // The paths are data of the prediction itself, so that they must not enter its prior too.
     let with_prior = alone.with_prior.filter(|_| checked.used);
     PriorResult { with_prior, ..checked }
 }

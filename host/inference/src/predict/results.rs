@@ -1,5 +1,5 @@
-//! The result of a prediction, as `guide predict --json` prints it. Additive only: fields may be added, never removed or changed
-//! in meaning.
+//! The result of a prediction, as `guide predict --json` prints it. Fields may be added, but never removed or changed in
+//! meaning.
 
 mod grid;
 mod learned;
@@ -30,7 +30,7 @@ pub struct Prediction {
     /// Prior of K from many sessions, and the prediction without it; `None` if it was not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PredictionPrior>,
-    /// The models that it is averaged over, with their probabilities; empty where there is one model only.
+    /// The models over which it is averaged, with their probabilities; empty for a single model.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub models: Vec<ModelResult>,
     /// In the order of the session.
@@ -45,7 +45,7 @@ pub struct Prediction {
 /// A prior in a prediction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PredictionPrior {
-    /// The prior, and K of prior and data together, from which the insertions are predicted.
+    /// The prior, and the posterior of K that the insertions are predicted with.
     #[serde(flatten)]
     pub modulus: PriorResult,
     /// Reference of the check: `lateral` runs or a stated modulus, or the paths of the `insertions`.
@@ -95,7 +95,7 @@ impl WithoutPrior {
 }
 
 impl Prediction {
-    /// Warnings about the session, then about its insertions, each message once with the insertions that it is about.
+    /// Warnings about the session, then about its insertions: each message once, with the insertions that it concerns.
     pub fn messages(&self) -> Vec<String> {
         let mut messages: Vec<(&str, Vec<&str>)> = Vec::new();
         for one in &self.insertions {
@@ -121,7 +121,7 @@ impl Prediction {
     }
 }
 
-/// One of the models that a prediction is averaged over.
+/// One of the models over which a prediction is averaged.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModelResult {
     /// Ids of its effects.
@@ -141,7 +141,7 @@ pub struct InsertionResult {
     pub tip_force_n: Option<f64>,
     /// Its standard deviation.
     pub tip_force_sd_n: Option<f64>,
-    /// Its 95 % interval, over everything else that is not known.
+    /// Its 95 % interval, marginal over all other unknowns.
     pub tip_force_ci95_n: Option<[f64; 2]>,
     /// Horizontal tip load at that depth.
     pub tip_force_x_n: Option<f64>,
@@ -151,9 +151,9 @@ pub struct InsertionResult {
     pub tip_force_x_ci95_n: Option<[f64; 2]>,
     /// Every millimetre from 0 to the last depth.
     pub depth_mm: Vec<f64>,
-    /// Vertical tip position: smoothed up to where it was observed, predicted beyond.
+    /// Vertical tip position: smoothed in the observed part, predicted beyond it.
     pub tip_y_mm: Vec<f64>,
-    /// Lower end of the 95 % band of what will be measured there (the median of the readings).
+    /// Lower end of the 95 % predictive band of the measured position (the median of the readings there).
     pub lo95_y_mm: Vec<f64>,
     /// Upper end of its 95 % band.
     pub hi95_y_mm: Vec<f64>,

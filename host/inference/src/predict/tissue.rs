@@ -6,13 +6,13 @@ use identify::identify;
 use insertion::{Rear, Tissue};
 use mechanics::{Foundation, Guides, Layer, Model, Rig, unknowns};
 
-/// Least gap between guide 2 and tissue that is accepted.
+/// Smallest accepted gap between guide 2 and tissue.
 const MIN_GAP_M: f64 = 10e-3;
 /// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap.
 const NEEDLE_PER_GAP: f64 = 2.0;
-/// The effect by which a rear is given.
+/// The effect that describes a rear.
 const REAR_ROTATION: &str = "rig.rear_rotation";
-/// Foundation and its uncertainty: as requested, from the lateral runs, or of any soft tissue; what has to be warned of is added to
+/// Foundation and its uncertainty: as requested, from the lateral runs, or the prior of soft tissue. Adds its warnings to
 /// `warnings`.
 ///
 /// # Errors
@@ -64,7 +64,7 @@ fn candidate_with(
     })
 }
 
-/// Foundation and standard deviation of its logarithm as requested, or from the lateral runs; nothing where there are none.
+/// Foundation and standard deviation of its logarithm, as requested or from the lateral runs; `None` without either.
 pub(super) fn stated_or_lateral(
     session: &Session,
     options: &Options,
@@ -79,7 +79,7 @@ pub(super) fn stated_or_lateral(
             fixed: options.effects.clone(),
             known: options.known.clone(),
             discrepancy: options.discrepancy.clone(),
-            // The path is that of a needle on springs.
+            // A prediction computes the path of a needle on springs.
             foundation: Some(identify::FoundationChoice::Springs),
             ..identify::Options::default()
         };

@@ -1,4 +1,4 @@
-//! The depths of a result, what was measured there, and how far off a prediction is.
+//! The depths of a result, the measured positions there, and the error of a prediction.
 
 use super::measured::Measured;
 use super::{InsertionResult, NORMAL_975, PlaneResult};
@@ -6,16 +6,16 @@ use formats::session::InsertionRun;
 use insertion::{Bin, Moments, Posterior, TipPath, variance_of_median};
 use readings::holds::median;
 
-/// A measured value is the median of the rows this close to the depth.
+/// Half-width of the depth range whose median is a measured value.
 const NEAR_M: f64 = 1.3e-3;
 
-/// The depths of a result, and what was measured there.
+/// The depths of a result, and the measured positions there.
 pub(in crate::predict) struct Grid {
     pub depth_m: Vec<f64>,
     until_m: f64,
     measured_y_mm: Vec<Option<f64>>,
     measured_x_mm: Option<Vec<Option<f64>>>,
-    /// Rows behind a measured value up to `until_m`, typically.
+    /// Typical number of rows in a measured value up to `until_m`.
     rows: f64,
 }
 
@@ -69,8 +69,8 @@ impl Grid {
         self.until_m
     }
 
-    /// Standard deviation of a measured median about the path: the noise of a median of so many readings and, on average, what readings on
-    /// the way are off.
+    /// Standard deviation of a measured median about the path: the noise of a median of this many readings and the mean
+    /// irregularity of readings taken in motion.
     pub fn noise_m(&self, observed: &TipPath, posterior: &Posterior<'_>, reading_m: f64) -> f64 {
         let moving_m = posterior.typical(|scales| scales.moving_m) * observed.moving_share().sqrt();
         moving_m.hypot(reading_m * variance_of_median(self.rows).sqrt())
@@ -81,7 +81,7 @@ impl Grid {
         self.depth_m.iter().copied().chain([self.until_m]).collect()
     }
 
-    /// Everything that follows from a posterior and the loads at [`loads_at_m`](Self::loads_at_m).
+    /// All results that follow from a posterior and the loads at [`loads_at_m`](Self::loads_at_m).
     pub fn result(
         self,
         run: &InsertionRun,
@@ -91,7 +91,7 @@ impl Grid {
         reading_m: f64,
     ) -> InsertionResult {
         let end_m = self.until_m;
-        // The band is that of the values measured.
+        // The band is the predictive one, of measured values.
         let noise_m = self.noise_m(observed, posterior, reading_m);
         let two_planes = run.tip_x_m.is_some();
         let tips = posterior.tip_m(&self.depth_m);

@@ -1,4 +1,4 @@
-//! Rig and tissue as a prediction has them.
+//! Posterior of rig and tissue in a prediction.
 
 use super::{NORMAL_95, NORMAL_975};
 use identify::KPerEi;
@@ -8,14 +8,13 @@ use serde::Serialize;
 /// Rig and tissue, learned from the other insertions and the observed part.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LearnedResult {
-    /// Insertions learned from.
+    /// Number of training insertions.
     pub from: Vec<String>,
-    /// Foundation modulus just below the surface, of this insertion: what all insertions share and its own difference.
+    /// Foundation modulus of this insertion just below the surface: the common one and the insertion's own difference.
     pub k_kpa: f64,
-    /// Its 95 % interval. Bounds in place of an interval: the value that holds with 95 %, and the
-    /// end of the range.
+    /// Its 95 % interval. For a bound: the bound with 95 % probability, and the end of the range.
     pub k_ci95_kpa: [f64; 2],
-    /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
+    /// Ratio of K to the needle's bending stiffness, if that stiffness is unknown; K then refers to the reference needle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_per_ei: Option<KPerEi>,
     /// `identified`, `lower_bound`, `upper_bound` or `not_identified`.
@@ -32,16 +31,16 @@ pub struct LearnedResult {
     /// The same, horizontal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rear_rotation_x: Option<RearResult>,
-    /// Angle between the needle and the axis of depth, vertical and horizontal; a tilt of the tracker is not distinguishable from it and
-    /// part of it.
+    /// Angle between the needle and the axis of depth, vertical and horizontal. It includes a tilt of the tracker, which cannot
+    /// be separated from it.
     pub entry_angle_deg: Vec<f64>,
     /// Their standard deviations.
     pub entry_angle_sd_deg: Vec<f64>,
     /// Standard deviation of the mean tip load from insertion to insertion.
     pub load_sd_between_insertions_n: f64,
-    /// Process noise of the tip load over 100 mm, of this insertion alone.
+    /// Process noise of the tip load over 100 mm, the part of this insertion alone.
     pub load_process_noise_n: f64,
-    /// Process noise of the tip load over 100 mm that all insertions share.
+    /// Process noise of the tip load over 100 mm, the part that all insertions share.
     pub shared_load_process_noise_n: f64,
     /// Standard deviation of the tip about a smooth path.
     pub path_irregularity_sd_mm: f64,
@@ -61,7 +60,7 @@ pub struct RearResult {
 }
 
 impl RearResult {
-    /// From the difference of the share, which grows as the stiffness falls.
+    /// The interval is transformed from that of the load fraction, which grows as the stiffness falls.
     fn new((share, determined): (Moments, Identifiability), rear: &Rear) -> Self {
         let ends = match determined {
             Identifiability::LowerBound => [NORMAL_95, f64::NEG_INFINITY],
@@ -153,7 +152,7 @@ fn modulus_at(sds: f64, unit: f64, mean: f64, sd: f64) -> f64 {
 }
 
 impl LearnedResult {
-    /// Replaces modulus and gap by what was assumed of them beforehand: where paths do not determine them.
+    /// Replaces modulus and gap by their priors, where the paths do not determine them.
     pub(in crate::predict) fn assume(&mut self, tissue: &Tissue) {
         self.k_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
         self.k_ci95_kpa = log_normal_interval(self.k_kpa, tissue.modulus_sd_ln);
