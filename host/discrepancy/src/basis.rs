@@ -1,8 +1,9 @@
-//! The discrepancy that every model has: small smooth functions of every regressor at every site, and offsets of single runs.
+//! The discrepancy of every model: small smooth functions of every regressor at every site, and offsets of single runs.
 //!
-//! A law that may be found needs its small counterpart in what is called nothing, or small true laws are found everywhere. The counterpart of the
-//! laws of a regressor is a function with `cos(k pi x)` of amplitudes that fall as `1 / k`: functions with kinks and jumps have such spectra.
-//! Its size is that of its effect on the channels, in their scales, and is found by the evidence.
+//! The null hypothesis has to contain a small counterpart of every law that may be found, because otherwise small true laws
+//! would be found everywhere. The counterpart of the laws of a regressor is a sum of `cos(k pi x)` with amplitudes that fall as
+//! `1 / k`, the spectrum of functions with kinks and jumps. Its scale is that of its effect on the channels, in units of their
+//! standard deviations, and maximizes the evidence.
 
 use super::bench::{Bench, Law, rms};
 use super::evidence::Group;
@@ -36,12 +37,12 @@ impl Offsets {
 /// Functions in the unit of the residuals; noise has not been made independent.
 pub(crate) struct Basis {
     pub groups: Vec<Group>,
-    /// Site and regressor of each group; nothing of the offsets of runs.
+    /// Site and regressor of each group; `None` for the offsets of runs.
     pub sources: Vec<Option<(usize, usize)>>,
     pub shared_groups: Vec<usize>,
-    /// Readings of each run by functions that runs share.
+    /// For each run, readings by shared functions.
     pub shared: Vec<DMatrix<f64>>,
-    /// Readings of each run by its own offsets, all of the last group.
+    /// For each run, readings by its own offsets, all in the last group.
     pub own: Vec<DMatrix<f64>>,
     /// Amounts by which numbers of a fit (rows) are mistaken where a function (columns) was taken off for what they can do.
     absorbed: DMatrix<f64>,
@@ -52,7 +53,7 @@ fn group(name: &'static str, everyday: f64) -> Group {
 }
 
 impl Basis {
-    /// Around the prior means, for a first fit.
+    /// Basis around the prior means, for a first fit.
     ///
     /// # Errors
     /// Where the model fails for other reasons than these values.
@@ -123,8 +124,8 @@ impl Basis {
         Ok(Self { groups, sources, shared_groups, shared, own: offsets.collect(), absorbed })
     }
 
-    /// Around a fit as the search needs it: what the model's parameters can do is no discrepancy. A law that was found has its small counterpart
-    /// in it, or it would be found again wherever it is small.
+    /// Basis around a fit for the search, with the directions of the model's parameters projected out. The small counterpart of
+    /// a law that was found stays in the basis, because otherwise the law would be found again wherever it is small.
     ///
     /// # Errors
     /// Where the model fails for other reasons than these values, or the numbers have no covariance.
@@ -135,8 +136,8 @@ impl Basis {
         Ok(basis)
     }
 
-    /// Around a fit as values and their intervals need it: what parameters and laws can do is no discrepancy, so that their values are those that
-    /// predict best without it; and a run has its offset even where it is the only one.
+    /// Basis around a fit for estimates and intervals, with the directions of parameters and laws projected out, so that these
+    /// have the values that predict best without the discrepancy. Here a run has its offset even if it is the only run.
     ///
     /// # Errors
     /// Where the model fails for other reasons than these values, or the numbers have no covariance.
@@ -176,7 +177,8 @@ impl Basis {
         Ok(())
     }
 
-    /// Covariance of the numbers that were taken off by functions of these sizes: a number that predicts best is the true one only as far as these are none.
+    /// Covariance of the discrepancy that the parameters absorb, for functions of these scales: the value that predicts best
+    /// differs from the true one by the absorbed part.
     pub fn covariance_of_absorbed(&self, sizes: &[f64]) -> DMatrix<f64> {
         let mut scaled = self.absorbed.clone();
         for (mut column, group) in scaled.column_iter_mut().zip(&self.shared_groups) {
@@ -207,12 +209,12 @@ impl Basis {
         }
     }
 
-    /// Effect that is called nothing, in the scale of the channels.
+    /// Effect on a channel that counts as negligible, in units of the channel's standard deviation.
     pub fn everyday_effect(&self) -> f64 {
         self.groups.iter().map(|group| group.everyday).fold(0.0, f64::max)
     }
 
-    /// Everyday sizes of all groups.
+    /// Typical scales of all groups.
     pub fn everyday(&self) -> Vec<f64> {
         self.groups.iter().map(|group| group.everyday).collect()
     }

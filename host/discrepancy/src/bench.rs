@@ -27,7 +27,7 @@ pub(crate) struct Law {
 }
 
 impl Law {
-    /// Whether it is the same kind of law.
+    /// Whether both have the same site, regressor and form.
     pub fn is_like(&self, other: &Self) -> bool {
         (self.site, self.regressor, self.form) == (other.site, other.regressor, other.form)
     }
@@ -36,7 +36,7 @@ impl Law {
         self.form.shape(&self.span)
     }
 
-    /// Count of its numbers.
+    /// Number of its parameters.
     pub fn len(&self) -> usize {
         self.form.amplitudes().len() + usize::from(self.shape().is_some())
     }
@@ -163,7 +163,7 @@ impl<'a> Bench<'a> {
         if has_effect { Ok(amplitude) } else { Err(Error::NoEffect { site: site.name.clone() }) }
     }
 
-    /// The numbers of a fit with these laws.
+    /// The parameters of a fit with these laws.
     pub fn coordinates(&self, laws: &[Law]) -> Vec<Coordinate> {
         let whole = [f64::NEG_INFINITY, f64::INFINITY];
         let of_model = self.model.parameters().iter().map(|parameter| {
@@ -185,7 +185,7 @@ impl<'a> Bench<'a> {
         of_model.chain(of_laws).collect()
     }
 
-    /// Laws with their numbers as the model evaluates them; `values` are all numbers of a fit.
+    /// Laws with their parameter values, as the model evaluates them; `values` has all parameters of a fit.
     pub fn terms(&self, laws: &[Law], values: &[f64]) -> Vec<Term> {
         let mut unread = values.get(self.model.parameters().len()..).unwrap_or(&[]);
         laws.iter()
@@ -202,7 +202,7 @@ impl<'a> Bench<'a> {
             .collect()
     }
 
-    /// A law with its numbers in their own units.
+    /// A law with its parameter values in their own units.
     pub fn term(&self, law: &Law, values: Vec<f64>) -> Term {
         let site = self.model.sites().get(law.site);
         let regressor = law.regressor.and_then(|number| site?.regressors.get(number));
@@ -306,13 +306,14 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// The same of a set of laws over the runs that are fitted.
+    /// The residuals of a set of laws over the runs that are fitted.
     pub fn residuals(&self, laws: &[Law], values: &[f64]) -> Result<Vec<DVector<f64>>, Error> {
         self.residuals_of(&self.training, values, &self.terms(laws, values))
     }
 
-    /// Change of the predictions per unit of amplitudes of a law, beside laws that are there already: one matrix per run, with a column per
-    /// amplitude; `plain` are the residuals without it. The result is empty where the model has no prediction with it.
+    /// Derivative of the predictions with respect to the amplitudes of a law, given the laws already in the model: one matrix
+    /// per run, with a column per amplitude. `plain` are the residuals without the law. The result is empty if the model has no
+    /// prediction with it.
     pub fn columns(
         &self,
         law: &Law,

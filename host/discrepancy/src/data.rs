@@ -1,4 +1,4 @@
-//! Measurements: runs of named channels with their places, and which runs judge.
+//! Measurements: runs of named channels and known columns, and the choice of held-out runs.
 
 use super::model::ModelFailure;
 use serde::{Deserialize, Serialize};
@@ -16,12 +16,12 @@ pub struct Channel {
     pub unit: String,
     /// One value per instant; NaN where the sensor has none.
     pub values: Vec<f64>,
-    /// Standard deviations of the readings, relative to each other: their common scale is estimated. The field is empty where all are alike.
+    /// Relative standard deviations of the readings; their common scale is estimated. `None` if they are equal.
     #[serde(default)]
     pub sds: Option<Vec<f64>>,
 }
 
-/// Values that are known and not predicted: an input, a place, a regressor.
+/// Known values that the model does not predict: an input, a position, a regressor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Column {
     /// Name, the same in all runs.
@@ -45,7 +45,7 @@ pub struct Run {
     /// Columns of known values.
     #[serde(default)]
     pub columns: Vec<Column>,
-    /// Whether it is held out of all fits and judges them.
+    /// Whether the run is held out of all fits, to judge them.
     #[serde(default)]
     pub judges: bool,
 }
@@ -73,7 +73,7 @@ impl Run {
     }
 }
 
-/// Name of the column that every run has.
+/// Name of the column of times, which every run has.
 pub const TIME: &str = "time_s";
 
 /// Why data cannot be used.
@@ -116,7 +116,7 @@ pub enum DataError {
         /// Number of instants.
         expected: usize,
     },
-    /// A value that cannot be.
+    /// An impossible value.
     #[error("run {run}, {column}, reading {reading}: {value}; expected {expected}")]
     Value {
         /// Name of the run.
@@ -202,7 +202,7 @@ impl Data {
         self.runs.first().map_or(&[], |run| run.channels.as_slice())
     }
 
-    /// Standard deviation of a channel around its mean over the runs that are fitted: the size of what is measured.
+    /// Standard deviation of a channel around its mean over the runs that are fitted.
     pub fn scale(&self, channel: usize) -> f64 {
         let values: Vec<f64> = self.training().flat_map(|run| readings(run, channel)).collect();
         let count = values.len().max(1) as f64;

@@ -1,14 +1,15 @@
-//! Evidence of a model that is never exact: its discrepancy is part of the covariance
-//! (theory, eq. 60 and 61).
+//! Evidence of a model with a discrepancy, which is part of the covariance (theory, eq. 60 and 61).
 //!
 //! Whitened data of all runs: `r = J d + Phi a + e`, `e ~ N(0, I)`, `d ~ N(m, I)` the parameters in units of their priors, and
-//! `a_j ~ N(0, s_g^2)` the amplitudes of the discrepancy's patterns, whose groups g have one size each. With `B = [Phi, J]`,
-//! `L = diag(s, 1)`, `A = B^T B`, `b = B^T (r - J m)` and `M = I + L A L`
+//! `a_j ~ N(0, s_g^2)` the amplitudes of the discrepancy's basis functions ([`Patterns`]). The functions of a group g share one
+//! standard deviation s_g, the size of the group. With `B = [Phi, J]`, `L = diag(s, 1)`, `A = B^T B`, `b = B^T (r - J m)` and
+//! `M = I + L A L`
 //!
 //! `-ln Z = (r'^T r' - b^T L M^-1 L b) / 2 + ln det(M) / 2 - ln p(s)`
 //!
-//! and its derivative by `ln s_g` is the sum of `1 - (M^-1)_jj - (M^-1 L b)_j^2` over the patterns of the group. Patterns of one run
-//! alone are eliminated run by run before those that runs share (Schur's complement): the work grows linearly with the runs.
+//! and its derivative by `ln s_g` is the sum of `1 - (M^-1)_jj - (M^-1 L b)_j^2` over the functions of the group. The functions
+//! of single runs are eliminated run by run before the shared ones (Schur complement), so that the work grows linearly with the
+//! number of runs.
 //!
 //! Kennedy and O'Hagan, "Bayesian calibration of computer models" (2001); Brynjarsdottir and O'Hagan, "Learning about physical
 //! parameters: the importance of model discrepancy" (2014).
@@ -30,16 +31,16 @@ use nalgebra::{DMatrix, DVector, Dyn, Matrix, StorageMut};
 /// No size is smaller than this share of its everyday one: it has no influence there.
 const MIN_SHARE: f64 = 1e-4;
 
-/// Patterns whose amplitudes have one size.
+/// Basis functions whose amplitudes share one standard deviation, the size of the group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
     /// Name of the imperfection or tolerance.
     pub name: &'static str,
-    /// Size in an ordinary experiment, in the unit of its patterns.
+    /// Typical size: that of an ordinary experiment, in the unit of the basis functions.
     pub everyday: f64,
-    /// Standard deviation of a size above the everyday one, in everyday sizes; nothing where the size is known.
+    /// Standard deviation of the prior of a size above the typical one, in typical sizes; `None` for a known size.
     pub tail: Option<f64>,
-    /// Standard deviation of the logarithm of a size below the everyday one.
+    /// Standard deviation of the prior of the logarithm of a size below the typical one.
     pub smaller_sd_ln: f64,
     /// Factor by which `everyday` is larger than in an ordinary rig.
     pub multiple: f64,
@@ -70,10 +71,10 @@ fn scale_columns<S: StorageMut<f64, Dyn, Dyn>>(matrix: &mut Matrix<f64, Dyn, Dyn
     matrix.column_iter_mut().zip(sizes.iter()).for_each(|(mut column, size)| column *= *size);
 }
 
-/// The patterns of all runs, whitened.
+/// The whitened basis functions of the discrepancy in all runs.
 #[derive(Debug, Clone)]
 pub struct Patterns {
-    /// Groups of the patterns.
+    /// Groups of the functions.
     pub groups: Vec<Group>,
     /// Group of each pattern that runs share.
     shared_groups: Vec<usize>,
@@ -81,14 +82,14 @@ pub struct Patterns {
     runs: Vec<RunPatterns>,
 }
 
-/// The patterns in the data of one run.
+/// The basis functions in the data of one run.
 #[derive(Debug, Clone)]
 pub struct RunPatterns {
-    /// Group of each pattern that is of this run alone.
+    /// Group of each function of this run alone.
     pub own_groups: Vec<usize>,
-    /// Readings by patterns of this run.
+    /// Readings by functions of this run alone.
     pub own: DMatrix<f64>,
-    /// Readings by patterns that runs share.
+    /// Readings by shared functions.
     pub shared: DMatrix<f64>,
     /// Patterns of these that the run shows at all: runs of another kind have others.
     shown: Vec<usize>,
@@ -102,7 +103,7 @@ pub struct RunPatterns {
 }
 
 impl RunPatterns {
-    /// Elimination of whitened patterns.
+    /// Eliminates the whitened functions of this run alone.
     pub fn new(own_groups: Vec<usize>, own: DMatrix<f64>, shared: DMatrix<f64>) -> Self {
         let own_transposed = own.transpose();
         let shown: Vec<usize> =
@@ -120,7 +121,7 @@ impl RunPatterns {
 }
 
 impl Patterns {
-    /// Patterns of runs in the order of the runs.
+    /// Collects the functions of all runs, in their order.
     pub fn new(groups: Vec<Group>, shared_groups: Vec<usize>, runs: Vec<RunPatterns>) -> Self {
         let count = shared_groups.len();
         let mut shared_gram = DMatrix::zeros(count, count);
@@ -128,14 +129,14 @@ impl Patterns {
         Self { groups, shared_groups, shared_gram, runs }
     }
 
-    /// No discrepancy at all: noise alone, in runs of so many readings.
+    /// No discrepancy: noise alone, in runs with these numbers of readings.
     pub fn none(readings: impl Iterator<Item = usize>) -> Self {
         let runs = readings
             .map(|count| RunPatterns::new(Vec::new(), DMatrix::zeros(count, 0), DMatrix::zeros(count, 0)));
         Self::new(Vec::new(), Vec::new(), runs.collect())
     }
 
-    /// Only those of known size: the tolerances of what is stated. The others have size 0.
+    /// Only the groups of known size, which are stated tolerances; the others have size 0.
     pub fn of_known_size(&self) -> Self {
         let mut of_known_sizes = self.clone();
         for group in of_known_sizes.groups.iter_mut().filter(|group| group.tail.is_some()) {
@@ -144,12 +145,13 @@ impl Patterns {
         of_known_sizes
     }
 
-    /// Everyday sizes of all groups.
+    /// Typical sizes of all groups.
     pub fn everyday(&self) -> Vec<f64> {
         self.groups.iter().map(|group| group.everyday).collect()
     }
 
-    /// Scalar products of columns with the patterns and with each other; `columns` has one matrix per run, readings by columns.
+    /// Scalar products of columns with the basis functions and with each other; `columns` has one matrix per run, readings by
+    /// columns.
     pub fn products(&self, columns: &[DMatrix<f64>]) -> Products {
         let count = columns.first().map_or(0, DMatrix::ncols);
         let mut products = Products {
@@ -173,15 +175,15 @@ impl Patterns {
         products
     }
 
-    /// Scalar products of columns in the metric of noise and discrepancy, `C^T S^-1 C` with `S = I + Phi diag(s^2) Phi^T`; nothing
-    /// where a size makes no sense.
+    /// Scalar products of columns in the metric of noise and discrepancy, `C^T S^-1 C` with `S = I + Phi diag(s^2) Phi^T`;
+    /// `None` for an invalid size.
     pub fn in_metric(&self, sizes: &[f64], products: &Products) -> Option<DMatrix<f64>> {
         let reduced = self.reduced(sizes, products, 0)?;
         Some(reduced.rest)
     }
 
-    /// Variance that data of covariance `S = I + Phi diag(s^2) Phi^T` give a sum of their scalar products with the columns, with these factors:
-    /// `u^T C^T S C u`.
+    /// Variance `u^T C^T S C u` of the sum, with factors u, of the columns' scalar products with data of covariance `S = I +
+    /// Phi diag(s^2) Phi^T`.
     pub fn variance_of_sum(&self, sizes: &[f64], products: &Products, factors: &DVector<f64>) -> f64 {
         let of_noise = factors.dot(&(&products.among * factors));
         let of_runs = self.runs.iter().zip(&products.own).map(|(run, by_column)| {
@@ -192,13 +194,13 @@ impl Patterns {
         of_noise + of_runs.sum::<f64>() + of_shared.iter().map(|sd| sd * sd).sum::<f64>()
     }
 
-    /// A column (one part per run) less what the patterns of these sizes have of it: `S^-1 c`.
+    /// Product `S^-1 c` with a column (one part per run), for functions of these sizes.
     pub fn less_patterns(&self, sizes: &[f64], column: &[Vec<f64>]) -> Option<Vec<DVector<f64>>> {
         Some(self.inverse(sizes)?.of_column(column))
     }
 
-    /// Expected value of the shared discrepancy in the last run, by the others: `Phi diag(s^2) Phi^T c` of columns of
-    /// these.
+    /// Expected value of the shared discrepancy in the last run, given the others: `Phi diag(s^2) Phi^T c` for columns c of the
+    /// others.
     pub fn expected_in_last(&self, sizes: &[f64], others: &[DVector<f64>]) -> Option<DVector<f64>> {
         let (last, earlier_runs) = self.runs.split_last()?;
         let mut amplitudes = DVector::zeros(self.shared_groups.len());
@@ -287,8 +289,8 @@ impl Patterns {
         Some(Reduced { half_ln_determinant, runs, root, right, solved, rest: reduced_matrix })
     }
 
-    /// Evidence at these sizes of parameters and residuals: the last column of `products` are the residuals (less what the prior
-    /// means of the parameters predict), all before it the parameters' sensitivities.
+    /// Evidence at these sizes. The last column of `products` has the residuals at the prior means of the parameters, the
+    /// columns before it the sensitivities to the parameters.
     pub fn evidence(&self, sizes: &[f64], products: &Products) -> Option<Evidence> {
         Some(self.evidence_of(sizes, &self.reduced_beside_residuals(sizes, products)?))
     }
@@ -348,7 +350,7 @@ impl Patterns {
         of_runs.chain(&self.shared_groups).filter(|of| **of == group).count() as f64
     }
 
-    /// Sizes at which the evidence is largest, from a start.
+    /// Sizes that maximize the evidence, from a start.
     pub fn likeliest_sizes(&self, start: &[f64], products: &Products) -> Vec<f64> {
         let free = self.free();
         let logarithms: Vec<f64> =
@@ -365,7 +367,7 @@ impl Patterns {
     }
 }
 
-/// Scalar products of columns with all patterns and with each other.
+/// Scalar products of columns with all basis functions and with each other.
 #[derive(Debug, Clone)]
 pub struct Products {
     /// With the patterns of each run, in its order.
@@ -391,18 +393,18 @@ struct Reduced {
     rest: DMatrix<f64>,
 }
 
-/// Evidence and what follows from it at some sizes.
+/// Evidence at some sizes, with the posterior of the parameters there.
 #[derive(Debug, Clone)]
 pub struct Evidence {
-    /// Minus its logarithm, the prior of the sizes with it.
+    /// Minus the logarithm of the evidence, including the prior of the sizes.
     pub minus_ln: f64,
-    /// Half the logarithm of the determinant of `M`, a part of it.
+    /// Half the logarithm of the determinant of `M`, a term of it.
     pub half_ln_determinant: f64,
-    /// Minus the logarithm of the prior of the sizes, another part.
+    /// Minus the logarithm of the prior of the sizes, another term.
     pub size_prior: f64,
-    /// By the logarithms of the sizes.
+    /// Its derivative with respect to the logarithms of the sizes.
     pub gradient: Vec<f64>,
-    /// Posterior mean of the parameters, in units of their priors and from the prior means.
+    /// Posterior mean of the parameters, relative to the prior means and in units of the priors' standard deviations.
     pub mean: DVector<f64>,
     /// Their posterior covariance.
     pub covariance: DMatrix<f64>,

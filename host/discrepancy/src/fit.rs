@@ -1,7 +1,8 @@
-//! A set of laws fitted: parameters, noise, sizes of the discrepancy and evidence together.
+//! Joint fit of a set of laws: parameters, noise, sizes of the discrepancy, and the evidence.
 //!
-//! Gauss and Newton's method in the metric of noise and discrepancy. Every round finds the likeliest sizes and the likeliest noise for the
-//! linearised model, then takes a step that is halved until the objective falls. The evidence is that of Laplace's method at the end.
+//! Gauss and Newton's method in the metric of noise and discrepancy. Every iteration maximizes the evidence of the linearised
+//! model over sizes and noise, then takes a step that is halved until the objective falls. At the end Laplace's method gives
+//! the evidence.
 
 use super::basis::Basis;
 use super::bench::{Bench, Coordinate, Law};
@@ -32,7 +33,7 @@ const LONGEST_MEMORY: f64 = 0.25;
 pub(crate) struct Fitted {
     pub laws: Vec<Law>,
     pub values: Vec<f64>,
-    /// Covariance of the numbers, the sizes of the discrepancy integrated over.
+    /// Covariance of the parameters, integrated over the sizes of the discrepancy.
     pub covariance: DMatrix<f64>,
     pub residuals: Vec<DVector<f64>>,
     pub jacobian: Vec<DMatrix<f64>>,
@@ -58,7 +59,7 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    /// At the prior means, with noise of the size of the residuals.
+    /// Start at the prior means, with noise as large as the residuals.
     pub fn plain(bench: &Bench<'_>, basis: &Basis) -> Self {
         let values = bench.coordinates(&[]).iter().map(|coordinate| coordinate.mean).collect();
         let noises = memories(bench).into_iter().map(|[shortest_s, longest_s]| Noise {
@@ -227,7 +228,7 @@ impl Fitted {
     /// Fits laws.
     ///
     /// # Errors
-    /// Where the model has no prediction at the start, or the data determine nothing.
+    /// If the model has no prediction at the start, or the data determine no parameter.
     pub fn new(bench: &Bench<'_>, basis: &Basis, laws: &[Law], start: &Start) -> Result<Self, Error> {
         let coordinates = bench.coordinates(laws);
         let values: Vec<f64> = start
@@ -286,12 +287,12 @@ impl Fitted {
         }
     }
 
-    /// Standard deviation of a number.
+    /// Standard deviation of a parameter.
     pub fn sd(&self, number: usize) -> f64 {
         self.covariance[(number, number)].max(0.0).sqrt()
     }
 
-    /// Its values, noise and sizes, for a fit with further or fewer laws.
+    /// Values, noise and sizes as the start of a fit with more or fewer laws.
     pub fn start(&self) -> Start {
         Start { values: self.values.clone(), noises: self.noises.clone(), sizes: self.sizes.clone() }
     }

@@ -1,7 +1,8 @@
-//! Forms of laws: functions of one regressor with a few numbers.
+//! Forms of laws: functions of one regressor with a few parameters.
 //!
-//! A law is `sum_i a_i f_i(x; s)`: amplitudes, in which it is linear, and at most one number of shape (a level, a length, a period). A
-//! form that changes its side at zero does so over the regressor's resolution: with an error of standard deviation `e` the sign of `x` is `erf(x / (sqrt 2 e))` on the average.
+//! A law is `sum_i a_i f_i(x; s)`: it is linear in the amplitudes `a_i` and has at most one shape parameter `s` (a level, a
+//! length, a period). A jump at zero is smoothed by the error of the regressor: with standard deviation `e` of that error, the
+//! mean of the sign of `x` is `erf(x / (sqrt 2 e))`.
 
 use serde::{Deserialize, Serialize};
 use statrs::function::erf::erf;
@@ -29,9 +30,9 @@ pub enum Form {
     AboveLevel,
     /// `a max(level - x, 0)`.
     BelowLevel,
-    /// `a` above the level, nothing below it.
+    /// `a` above the level, zero below it.
     Step,
-    /// `a sign(x) exp(-|x| / length)`: friction that falls with speed (Stribeck); where x has one sign, a toe.
+    /// `a sign(x) exp(-|x| / length)`: friction that falls with speed (Stribeck), or a toe region if x has one sign.
     Decay,
     /// `a sin(2 pi x / period) + b cos(2 pi x / period)`: cogging, a run-out.
     Sine,
@@ -43,19 +44,19 @@ pub enum Form {
     Cosine(u8),
 }
 
-/// The number of a shape with its range for the search.
+/// A shape parameter with its range for the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
-    /// Name of the number.
+    /// Name of the parameter.
     pub name: &'static str,
     /// Its range.
     pub range: [f64; 2],
-    /// Whether its logarithm is uniform in the range, or the number itself.
+    /// Whether the prior is uniform in its logarithm instead of its value.
     pub is_logarithmic: bool,
 }
 
 impl Shape {
-    /// The number at a fraction of its range.
+    /// Value at a fraction of the range.
     pub fn at(&self, fraction: f64) -> f64 {
         let [least, most] = self.range;
         if self.is_logarithmic {
@@ -65,13 +66,13 @@ impl Shape {
         }
     }
 
-    /// Fractions of the range at which it is searched.
+    /// Fractions of the range at which the search evaluates it.
     pub fn grid() -> impl Iterator<Item = f64> {
         (0..GRID).map(|i| (i as f64 + 0.5) / GRID as f64)
     }
 }
 
-/// Values that a regressor takes.
+/// Range of a regressor's values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Span {
     /// Least value.
@@ -81,18 +82,18 @@ pub struct Span {
     /// Standard deviation of its error.
     #[serde(default)]
     pub resolution: f64,
-    /// Mean distance of neighbouring values in the order of time; 0 where it is not known.
+    /// Mean distance of consecutive values in time; 0 if unknown.
     #[serde(default)]
     pub step: f64,
 }
 
 impl Span {
-    /// All values between two, known without error.
+    /// Range between two values that are known without error.
     pub fn between(from: f64, to: f64) -> Self {
         Self { from, to, resolution: 0.0, step: 0.0 }
     }
 
-    /// Whether it takes values of both signs: each side is more than its resolution, and than a twentieth of the other.
+    /// Whether it has values of both signs, each side larger than the resolution and than a twentieth of the other side.
     pub fn has_both_signs(&self) -> bool {
         let (negative, positive) = (-self.from, self.to);
         negative.min(positive) > self.resolution.max(0.05 * negative.max(positive))
@@ -113,7 +114,7 @@ impl Span {
 }
 
 impl Form {
-    /// Those of the dictionary.
+    /// All forms of the dictionary.
     pub const ALL: [Self; 12] = [
         Self::Constant,
         Self::Proportional,
@@ -148,7 +149,7 @@ impl Form {
         }
     }
 
-    /// The form of a name.
+    /// The form with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|form| form.name() == name)
     }
@@ -177,7 +178,7 @@ impl Form {
         if self == Self::Sine { &["a", "b"] } else { &["a"] }
     }
 
-    /// Power of the regressor's unit in that of the amplitude: the amplitude has the site's unit divided by it.
+    /// Power of the regressor's unit by which the site's unit is divided to give the amplitude's unit.
     pub fn power(self) -> u8 {
         match self {
             Self::Proportional | Self::Asymmetry | Self::AboveLevel | Self::BelowLevel => 1,
@@ -186,13 +187,13 @@ impl Form {
         }
     }
 
-    /// Whether it depends on what the regressor was before.
+    /// Whether it depends on earlier values of the regressor.
     pub fn has_history(self) -> bool {
         self == Self::Bristle
     }
 
-    /// The part of a function of unit amplitude that both signs of the regressor have in common, `(f(x) + f(-x)) / 2`: there it acts as an offset. A
-    /// constant is nothing else; where the regressor has one sign, no other form has such a part.
+    /// The even part `(f(x) + f(-x)) / 2` of a function of unit amplitude, which acts as an offset. A constant is purely even.
+    /// If the regressor has one sign only, no other form has an even part.
     pub fn even_part(self, amplitude: usize, x: f64, shape: f64, span: &Span) -> f64 {
         match self {
             Self::Constant => 1.0,
@@ -204,7 +205,7 @@ impl Form {
         }
     }
 
-    /// Whether it is a law of its own over values of this span: what needs both signs does not repeat what needs none.
+    /// Whether the form differs from all others over values of this range: a form with a sign needs values of both signs.
     pub fn applies_to(self, span: &Span) -> bool {
         match self {
             Self::Sign | Self::Asymmetry | Self::SignedSquare => span.has_both_signs(),
@@ -212,7 +213,7 @@ impl Form {
         }
     }
 
-    /// Its number of shape over values of this span.
+    /// Its shape parameter over values of this range.
     pub fn shape(self, span: &Span) -> Option<Shape> {
         let length = span.length();
         let scale = if span.has_both_signs() { span.to.abs().max(span.from.abs()) } else { length };
@@ -235,7 +236,7 @@ impl Form {
         Some(Shape { name, range, is_logarithmic: true })
     }
 
-    /// Its functions of unit amplitude at one value, for all forms without history.
+    /// Value of a function of unit amplitude, for all forms without history.
     pub fn value(self, amplitude: usize, x: f64, shape: f64, span: &Span) -> f64 {
         match self {
             Self::Constant => 1.0,
@@ -259,7 +260,7 @@ impl Form {
         }
     }
 
-    /// Adds the law over a whole series, whose first value is where a history begins.
+    /// Adds the law over a whole series. A history begins at its first value.
     pub fn add(self, values: &[f64], x: &[f64], span: &Span, sum: &mut [f64]) {
         let amplitudes = self.amplitudes().len();
         let shape = values.get(amplitudes).copied().unwrap_or(1.0);

@@ -15,7 +15,7 @@ impl<F> FunctionModel<F>
 where
     F: Fn(&Run, &[f64], &Terms<'_>) -> Result<Vec<Vec<f64>>, ModelFailure> + Sync,
 {
-    /// Takes parameters and sites with the function, which is [`ForwardModel::predict`].
+    /// Model with these parameters and sites, and with the function as [`ForwardModel::predict`].
     pub fn new(parameters: Vec<Parameter>, sites: Vec<Site>, predict: F) -> Self {
         Self { parameters, sites, predict }
     }

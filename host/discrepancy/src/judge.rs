@@ -1,17 +1,19 @@
-//! Judgement of a law by held-out runs: whether it makes their misfit smaller beyond chance.
+//! Test of a law on held-out runs: whether it reduces their misfit significantly.
 //!
-//! Two models fitted to the other runs predict the held-out ones: whole runs, and one reading ahead, which knows the residuals of earlier readings as
-//! far as the memory of the model's own noise goes (Dawid, "Present position and potential developments: the prequential approach", J. R. Stat.
-//! Soc. A 147:278, 1984). A simulated level that has drifted off stays there: of the errors of whole runs a thousand readings may be worth five,
-//! while a constant shows in them and not in a single step. A better model has both errors smaller, and one of them beyond chance; of two tests
-//! the smaller p-value counts twice (Bonferroni).
+//! Two models that were fitted to the other runs predict the held-out ones in two ways: whole runs, and one reading ahead,
+//! given the residuals of earlier readings within the memory of the model's noise (Dawid, "Present position and potential
+//! developments: the prequential approach", J. R. Stat. Soc. A 147:278, 1984). Both are needed. The errors of whole runs are
+//! strongly correlated, so that a thousand readings may be worth five; but a constant is visible in whole runs only, not in a
+//! single step. A better model has smaller errors of both kinds, and one of them significantly so; the smaller of the two
+//! p-values is doubled (Bonferroni).
 //!
-//! The difference of squared errors is a sum over readings of the difference of both predictions, which is known, times the mean of both errors, which
-//! is not: what is random are the errors, not where a law acts. Their covariance in time is that of the model's own errors over whole runs, as far as it is
-//! positive (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci. 7:473, 1992): where both models are as far from the truth it holds half of what
-//! they differ by beside the noise, and where the model is right the noise alone. Student's t over as many independent readings as it leaves decides
-//! whether the difference is zero (Vuong, Econometrica 57:307, 1989). A variance of the differences themselves would count a law that acts twice in a run as
-//! two readings, however many readings confirm it.
+//! The difference of the squared errors is a sum over readings of the difference of the two predictions, which is known, times
+//! the mean of the two errors, which is random. The autocovariance of these errors is that of the model's own errors over whole
+//! runs, up to its first negative value (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci. 7:473, 1992). It contains the
+//! noise alone if the model is right, and half of the difference of the two models if both are equally far from the truth.
+//! Student's t test, with the effective number of independent readings, decides whether the difference is zero (Vuong,
+//! Econometrica 57:307, 1989). A variance of the differences themselves would count a law that acts twice in a run as two
+//! readings, however many readings confirm it.
 
 use super::bench::Bench;
 use super::fit::Fitted;
@@ -22,23 +24,23 @@ use nalgebra::DVector;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Judgement of one model beside another by held-out runs.
+/// Comparison of a model with another one on held-out runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Judgement {
-    /// By which fraction of the other's squared error in whole runs the model's is smaller; negative where it is larger.
+    /// Relative reduction of the squared error of whole runs, compared with the other model; negative for an increase.
     pub gain: f64,
-    /// Standard deviation of that by chance.
+    /// Its standard deviation by chance.
     pub gain_sd: f64,
-    /// The same of predictions one reading ahead.
+    /// The relative reduction for predictions one reading ahead.
     pub gain_one_ahead: f64,
-    /// Number of independent readings that the held-out runs are worth, in the test that decides.
+    /// Effective number of independent readings in the held-out runs, in the decisive test.
     pub effective_readings: f64,
-    /// Probability of such gains by chance where the model is no better.
+    /// p-value of these reductions if the model is no better.
     pub p: f64,
 }
 
 impl Judgement {
-    /// Whether the model predicts whole runs and single readings better, one of them beyond chance.
+    /// Whether the model predicts whole runs and single readings better, one of them significantly.
     pub fn is_confirmed(&self) -> bool {
         self.p < 1.0 - STATED_PROBABILITY && self.gain > 0.0 && self.gain_one_ahead > 0.0
     }

@@ -4,17 +4,18 @@
 //!
 //! | step | by |
 //! |---|---|
-//! | where do they differ? | regions of the residuals that stand out of noise and of small imperfections ([`Report::regions`]) |
-//! | what is missing? | a law is a site in the model, a regressor that it depends on, and a [`Form`]; every combination is scored, the best are fitted |
-//! | add | sets of laws are weighed by their evidence; each needs 95 % probability, and held-out runs have to confirm it |
+//! | where do they differ? | regions in which the residuals exceed noise and small imperfections ([`Report::regions`]) |
+//! | what is missing? | a law is a site in the model, a regressor on which it depends, and a [`Form`]; every combination is scored, and the best are fitted |
+//! | add | sets of laws are weighted by their evidence; each law needs a probability of 95 %, and held-out runs have to confirm it |
 //! | by how much does the misfit shrink? | in the runs that were fitted and in those that were not |
 //!
-//! Residuals of real rigs are correlated in time, and no model is exact: noise with a memory and small functions of every regressor are parts of
-//! every fit, with sizes that the evidence finds, so that intervals hold and background is not given a name.
+//! Residuals of real rigs are correlated in time, and no model is exact: every fit contains autocorrelated noise and small
+//! functions of every regressor, whose scales maximize the evidence. So intervals have their coverage, and no small background
+//! is named.
 //!
 //! # Example
 //!
-//! A mass on a rail that is said to have viscous friction alone:
+//! The model of a mass on a rail has only viscous friction:
 //!
 //! ```
 //! use discrepancy::*;
@@ -108,10 +109,10 @@ const PASSES: usize = 2;
 /// Settings of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Effect of each regressor that a model may leave and still be called right, as a fraction of the standard deviation of its channel. 1 % unless
-    /// the laboratory knows better: sensors and drives of a class of 1 % are ordinary.
+    /// Effect of each regressor that an adequate model may lack, as a fraction of the standard deviation of its channel. The
+    /// default of 1 % is that of ordinary sensors and drives.
     pub everyday: f64,
-    /// Effects that are tried; all that the sites allow where it is empty.
+    /// Effects that are tried; if empty, all that the sites allow.
     pub effects: Vec<Effect>,
 }
 
@@ -121,10 +122,10 @@ impl Default for Options {
     }
 }
 
-/// Diagnoses a model by data. `on_step` is called with what is being done.
+/// Diagnoses a model with data. `on_step` receives a line about each step.
 ///
 /// # Errors
-/// [`Error`] where model and data do not belong together, or the model fails where it must not.
+/// [`Error`] if model and data do not fit together, or the model fails at its prior means.
 pub fn diagnose(
     model: &dyn ForwardModel,
     data: &Data,

@@ -1,4 +1,4 @@
-//! From a search to its document.
+//! Makes the document of a search.
 
 use super::basis::Basis;
 use super::bench::{Bench, Law, Prepared};

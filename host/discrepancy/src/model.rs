@@ -1,4 +1,4 @@
-//! The forward model as the workflow knows it: parameters, sites, and a prediction.
+//! Interface of a forward model: parameters, sites, and a prediction.
 
 use super::data::{Data, Run};
 use super::form::Form;
@@ -13,11 +13,11 @@ pub struct Parameter {
     /// Unit, for reports.
     #[serde(default)]
     pub unit: String,
-    /// Mean of its normal prior, where fits start.
+    /// Mean of its normal prior, and start of the fits.
     pub mean: f64,
     /// Standard deviation of the prior.
     pub sd: f64,
-    /// Range; all numbers where it is not stated.
+    /// Range; unbounded if `None`.
     #[serde(default)]
     pub range: Option<[f64; 2]>,
 }
@@ -25,23 +25,24 @@ pub struct Parameter {
 /// A quantity on which a law at a site may depend.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Regressor {
-    /// Name: of a column of the data where the workflow evaluates the law, else of what the model states as it evaluates it.
+    /// Name: that of a column of the data if the workflow evaluates the law, else that which the model passes to the law.
     pub name: String,
     /// Unit, for reports.
     #[serde(default)]
     pub unit: String,
-    /// Range of its values; what the model states where nothing is declared.
+    /// Range of its values; `None`: the range of the values that the model passes.
     #[serde(default)]
     pub range: Option<[f64; 2]>,
     /// Standard deviation of the error of its values.
     #[serde(default)]
     pub resolution: f64,
-    /// Whether it is a displacement that a bristle or a play may follow: the model evaluates such a law over whole series, in the order of time.
+    /// Whether laws with a history (a bristle, a play) may depend on it. The model evaluates such a law over whole series, in
+    /// the order of time.
     #[serde(default)]
     pub history: bool,
 }
 
-/// A place in the model at which a law may be missing.
+/// A site: a place in the model at which a law may be missing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Site {
     /// Name.
@@ -49,20 +50,20 @@ pub struct Site {
     /// Unit of what a law adds, for reports.
     #[serde(default)]
     pub unit: String,
-    /// The channel to which a law is simply added, with columns of the data as regressors; nothing where the model evaluates the law.
+    /// Channel to which a law is added, with columns of the data as regressors; `None` if the model evaluates the law.
     #[serde(default)]
     pub adds_to: Option<String>,
     /// Quantities on which its laws may depend.
     pub regressors: Vec<Regressor>,
-    /// Forms that are tried; all where it is empty.
+    /// Forms that are tried; if empty, all.
     #[serde(default)]
     pub forms: Vec<Form>,
 }
 
-/// Why a model has no prediction.
+/// Reason for which a model has no prediction.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ModelFailure {
-    /// It failed at these values; others may be possible.
+    /// It failed at these values; other values may work.
     #[error("{0}")]
     Failed(String),
     /// It did not answer in time.
@@ -73,7 +74,7 @@ pub enum ModelFailure {
         /// The time-out.
         limit_s: f64,
     },
-    /// It is gone, or does not speak the protocol.
+    /// Its process has ended, or does not follow the protocol.
     #[error("{0}")]
     Broken(String),
 }
@@ -85,7 +86,7 @@ impl ModelFailure {
     }
 }
 
-/// A forward model. It has no noise and no memory of its own: the same values give the same prediction.
+/// A forward model. It is deterministic and has no state: the same values give the same prediction.
 pub trait ForwardModel: Sync {
     /// Quantities that every fit estimates.
     fn parameters(&self) -> &[Parameter];
@@ -111,13 +112,13 @@ pub trait ForwardModel: Sync {
     }
 }
 
-/// Why a diagnosis cannot be made.
+/// Reason for which no diagnosis is possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
     /// The data cannot be used.
     #[error(transparent)]
     Data(#[from] super::data::DataError),
-    /// A declaration of parameters, sites or effects makes no sense.
+    /// An invalid declaration of parameters, sites or effects.
     #[error("{what} {name:?}: {problem}; expected {expected}")]
     Declaration {
         /// Kind of what is declared.
@@ -129,7 +130,7 @@ pub enum Error {
         /// Valid declarations.
         expected: String,
     },
-    /// The model has no prediction where it has to have one.
+    /// The model has no prediction at values at which one is required.
     #[error("the model failed in run {run} at {values}: {cause}")]
     Model {
         /// Name of the run.
@@ -139,7 +140,7 @@ pub enum Error {
         /// Reason.
         cause: ModelFailure,
     },
-    /// A prediction that is no number.
+    /// A prediction that is not finite.
     #[error(
         "the model predicts {value} in run {run}, channel {channel}, reading {reading} (at {time_s} s), at {values}"
     )]
@@ -167,7 +168,7 @@ pub enum Error {
         /// Those expected.
         expected: String,
     },
-    /// A law at a site changes nothing.
+    /// A law at a site does not change the prediction.
     #[error(
         "site {site:?}: a law there changes no prediction; the model has to add the terms of this site in its equations"
     )]

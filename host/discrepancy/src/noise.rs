@@ -1,8 +1,9 @@
 //! Noise of a channel: white, and correlated in time.
 //!
 //! Readings are `y_i = f_i + x(t_i) + e_i` with independent `e_i` of variance `(1 - c) s^2 w_i^2` and a stationary process x of variance
-//! `c s^2` whose correlation falls as `exp(-|t| / m)`. Scale s, fraction c and memory m of every channel are found by the evidence, so that
-//! an interval holds where residuals are coloured. Whitening by Kalman's filter: linear in the number of readings, at any spacing (Kalman, 1960).
+//! `c s^2` whose correlation falls as `exp(-|t| / m)`. Scale s, fraction c and memory m of every channel maximize the evidence,
+//! so that intervals have their coverage with autocorrelated residuals too. Whitening by Kalman's filter: linear in the number
+//! of readings, at any spacing (Kalman, 1960).
 
 use argmin::core::{CostFunction, Executor, State};
 use argmin::solver::neldermead::NelderMead;
@@ -21,7 +22,7 @@ pub struct Segment {
     pub channel: usize,
     /// Instants.
     pub time_s: Vec<f64>,
-    /// Standard deviations relative to each other.
+    /// Relative standard deviations.
     pub weights: Vec<f64>,
 }
 
@@ -32,12 +33,12 @@ pub struct Noise {
     pub sd: f64,
     /// Fraction of the variance that is correlated.
     pub correlated: f64,
-    /// Time after which its correlation is 1/e.
+    /// Time after which the correlation is 1/e.
     pub memory_s: f64,
 }
 
 impl Noise {
-    /// The same without correlation.
+    /// The same noise without correlation.
     pub fn white(self) -> Self {
         Self { correlated: 0.0, ..self }
     }
@@ -97,7 +98,7 @@ pub fn whiten(segments: &[Segment], noises: &[Noise], columns: &mut DMatrix<f64>
     ln_sds
 }
 
-/// Errors of predictions one reading ahead, which know the residuals of earlier readings, in the unit of the residuals.
+/// Errors of predictions one reading ahead, given the residuals of earlier readings, in the unit of the residuals.
 pub fn one_ahead(segments: &[Segment], noises: &[Noise], residuals: &mut DVector<f64>) {
     let mut start = 0;
     for segment in segments {
@@ -149,7 +150,7 @@ impl<F: Fn(&[Noise]) -> Option<f64>> CostFunction for Cost<'_, F> {
     }
 }
 
-/// The noises at which minus a log evidence is least, from a start; memories stay in their ranges.
+/// Noise parameters that minimize minus a log evidence, from a start; memories stay in their ranges.
 pub fn likeliest(
     start: &[Noise],
     memories_s: &[[f64; 2]],

@@ -1,8 +1,8 @@
-//! Parts of what the laws of a site add together: an offset, and the change on reversal.
+//! Two quantities of the sum of a site's laws: its offset, and its change on reversal.
 //!
-//! A friction of `F+` in one direction and `F-` in the other is a dry friction of `(F+ + F-) / 2` and an offset of `(F+ - F-) / 2`, in whatever laws
-//! it was found: a sign and a constant, a sign and an asymmetry, a step. A part is named where laws that have it are, though the data may not
-//! tell these from each other.
+//! A friction of `F+` in one direction and `F-` in the other is a dry friction of `(F+ + F-) / 2` and an offset of `(F+ - F-) /
+//! 2`, whichever laws express it: a sign and a constant, a sign and an asymmetry, or a step. Such a quantity is named if laws
+//! that contain it are missing, even if the data cannot distinguish these laws.
 
 use super::bench::{Bench, Law};
 use super::data::Run;

@@ -6,9 +6,10 @@
 //! | `{"type": "run", "run", "name", "time_s": [..], "columns": {name: [..]}}` | none |
 //! | `{"type": "predict", "run", "parameters": {name: value}, "terms": [..]}` | `{"channels": {name: [value \| null]}}` or `{"error": text}` |
 //!
-//! Runs are numbered from 0. A term has `site`, `regressor` (`null` for a constant), `form`, `values`, and a table `x`, `y` of the law, so that a
-//! model needs no formulas: it interpolates linearly, beyond the ends along the last two nodes, and adds the result at the site.
-//! Fields of parameters and sites are those of [`Parameter`] and [`Site`]. Its standard error is passed on.
+//! Runs are numbered from 0. A term has `site`, `regressor` (`null` for a constant), `form`, `values`, and a table `x`, `y` of
+//! the law, so that a model needs no formulas: it interpolates the table linearly, extrapolates along the last two nodes, and
+//! adds the result at the site. Fields of parameters and sites are those of [`Parameter`] and [`Site`]. The process's standard
+//! error is passed on.
 
 use super::data::Run;
 use super::form::{Form, Span};
@@ -22,7 +23,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// Version of the lines.
+/// Version of the protocol.
 pub const SCHEMA: &str = "discrepancy.model/1";
 /// Nodes of the table of a law: a feature of a hundredth of the range has two of them.
 const NODES: usize = 257;
@@ -46,9 +47,9 @@ pub struct Predicted {
 pub struct Declaration {
     /// Quantities that every fit estimates.
     pub parameters: Vec<Parameter>,
-    /// Places where laws may be missing.
+    /// Sites at which laws may be missing.
     pub sites: Vec<Site>,
-    /// Channels that it predicts.
+    /// Channels that the model predicts.
     pub channels: Vec<Predicted>,
 }
 
@@ -166,7 +167,7 @@ impl Pipes {
 }
 
 impl ProcessModel {
-    /// Starts a program with its arguments and reads what it declares. No answer may take longer than the time-out.
+    /// Starts a program with its arguments and reads its declaration. No answer may take longer than the time-out.
     ///
     /// # Errors
     /// [`ModelFailure::Broken`] where it cannot be started or does not speak the protocol, [`ModelFailure::Slow`].
@@ -203,7 +204,7 @@ impl ProcessModel {
         Ok(Self { declaration, timeout, pipes: Mutex::new(pipes) })
     }
 
-    /// The same with another time-out for predictions: a program may start slowly and answer fast.
+    /// Sets another time-out for predictions, for a program that starts slowly and answers fast.
     pub fn with_timeout(self, timeout: Duration) -> Self {
         Self { timeout, ..self }
     }

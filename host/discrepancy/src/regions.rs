@@ -1,4 +1,4 @@
-//! Regions where measured and predicted differ: intervals of a coordinate in which residuals stand out.
+//! Regions where measured and predicted values differ: intervals of a coordinate with significant residuals.
 
 use super::basis::Basis;
 use super::bench::Bench;
@@ -15,7 +15,7 @@ const BINS: usize = 12;
 /// Probability that noise alone makes a region anywhere.
 const LEVEL: f64 = 0.01;
 
-/// An interval of a coordinate in which measured and predicted differ.
+/// An interval of a coordinate with significant residuals.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Region {
     /// Channel.
@@ -24,13 +24,13 @@ pub struct Region {
     pub unit: String,
     /// Column of the data.
     pub coordinate: String,
-    /// Least coordinate.
+    /// Smallest coordinate.
     pub from: f64,
     /// Largest coordinate.
     pub to: f64,
     /// Measured less predicted, mean.
     pub mean: f64,
-    /// The same in standard deviations of noise and everyday discrepancy.
+    /// The mean in standard deviations of noise and typical discrepancy.
     pub sigma: f64,
 }
 
@@ -125,7 +125,7 @@ fn scans(bench: &Bench<'_>, first: usize, columns: &mut [DMatrix<f64>]) -> Vec<S
     scans
 }
 
-/// Bins of a coordinate: its distinct values where these are few, else equal counts; least and greatest of each.
+/// Bins of a coordinate: its distinct values if these are few, else bins of equal counts; smallest and largest value of each.
 pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
     let mut sorted: Vec<f64> = values.iter().flatten().copied().collect();
     sorted.sort_by(f64::total_cmp);
@@ -151,8 +151,8 @@ pub fn bin_of(edges: &[[f64; 2]], value: f64) -> usize {
     edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
 }
 
-/// The interval of bins that stands out most: its bins, standard deviations, mean. `products` are scalar products of columns: the bins are
-/// so many columns from `first` on, the residuals are another one.
+/// The most significant interval of bins: its bins, standard deviations and mean. `products` has the scalar products of
+/// columns, in which the bins begin at column `first` and the residuals are another column.
 pub fn best_interval(
     products: &DMatrix<f64>,
     first: usize,

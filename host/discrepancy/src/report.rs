@@ -10,13 +10,13 @@ use serde::Serialize;
 pub enum Verdict {
     /// No law is missing.
     Adequate,
-    /// Laws are missing, and with them nothing is.
+    /// Laws are missing, and they explain the misfit completely.
     Explained,
-    /// A law is missing that the data do not tell from others.
+    /// A law is missing, and the data cannot distinguish it from others.
     Ambiguous,
-    /// Laws are missing, and something that none of the candidates describes.
+    /// Laws are missing, and a further misfit remains that no candidate describes.
     Partial,
-    /// Something is missing that none of the candidates describes.
+    /// A misfit exists that no candidate describes.
     Unexplained,
 }
 
@@ -31,14 +31,14 @@ pub struct Estimate {
     pub value: f64,
     /// Standard deviation.
     pub sd: f64,
-    /// Interval that holds it with 95 % probability.
+    /// Interval with 95 % probability.
     pub ci95: [f64; 2],
 }
 
 /// A parameter of the model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterReport {
-    /// In the model with the added laws, over the rivals of these.
+    /// In the model with the added laws, averaged over their rivals.
     #[serde(flatten)]
     pub estimate: Estimate,
     /// In the plain model.
@@ -50,7 +50,7 @@ pub struct ParameterReport {
 pub struct LawName {
     /// Its site.
     pub site: String,
-    /// Quantity that it depends on; nothing for a constant.
+    /// Quantity on which it depends; `None` for a constant.
     pub regressor: Option<String>,
     /// Name of its form.
     pub form: &'static str,
@@ -59,7 +59,7 @@ pub struct LawName {
 }
 
 impl LawName {
-    /// As `site/regressor/form`.
+    /// Id of the form `site/regressor/form`.
     pub fn id(&self) -> String {
         match &self.regressor {
             Some(regressor) => format!("{}/{regressor}/{}", self.site, self.form),
@@ -68,13 +68,13 @@ impl LawName {
     }
 }
 
-/// Another law, or two, in the place of one.
+/// An alternative to a law: another law, or two.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rival {
     /// The law.
     #[serde(flatten)]
     pub law: LawName,
-    /// A second law, where both are needed in the place of the one.
+    /// A second law, if both are needed to replace the one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub with: Option<LawName>,
     /// Its probability.
@@ -87,31 +87,31 @@ pub struct TermReport {
     /// The law.
     #[serde(flatten)]
     pub law: LawName,
-    /// Whether it has a name: its probability is above 95 %. Else it is one of a class.
+    /// Whether it is named, that is, its probability is above 95 %. Otherwise it is a member of a class.
     pub is_named: bool,
-    /// Its probability, beside its rivals and the model without any of them.
+    /// Its probability, compared with its rivals and with the model without any of them.
     pub probability: f64,
     /// Logarithm of its odds over the model without it.
     pub ln_odds: f64,
-    /// Its numbers.
+    /// Its parameters.
     pub values: Vec<Estimate>,
-    /// Laws that the data do not tell from it, with the other 95 %.
+    /// Laws that the data cannot distinguish from it; together with it they have 95 % of the probability.
     pub rivals: Vec<Rival>,
-    /// Judgement of held-out runs; nothing where none judge.
+    /// Test on held-out runs; `None` without such runs.
     pub held_out: Option<Judgement>,
 }
 
-/// A part of what the laws of a site add together.
+/// A quantity of the sum of a site's laws.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PartReport {
-    /// Over the final model and its rivals; its name is that of the site.
+    /// Estimate over the final model and its rivals, with the name of the site.
     #[serde(flatten)]
     pub estimate: Estimate,
-    /// Whether it has a name: laws that have it are missing with 95 % probability, whichever of them, and its interval holds no zero.
+    /// Whether it is named: with 95 % probability some law that contains it is missing, and its interval excludes zero.
     pub is_named: bool,
     /// Probability of such laws.
     pub probability: f64,
-    /// Laws of the final model that have it, as `site/regressor/form`.
+    /// Laws of the final model that contain it, as `site/regressor/form`.
     pub laws: Vec<String>,
 }
 
@@ -123,24 +123,24 @@ pub struct RefusedReport {
     pub law: LawName,
     /// Logarithm of its odds over the model without it.
     pub ln_odds: f64,
-    /// Why.
+    /// Reason of the refusal.
     pub reason: String,
-    /// Judgement of held-out runs, where these refuse it.
+    /// Test on held-out runs, if that refuses it.
     pub held_out: Option<Judgement>,
 }
 
-/// Root mean square of residuals, before and after laws were added.
+/// Root mean square of the residuals, before and after the laws were added.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Misfit {
     /// Residuals of the plain model.
     pub before: f64,
     /// Residuals with the added laws.
     pub after: f64,
-    /// Root mean square of what is measured.
+    /// Root mean square of the measured values.
     pub measured: f64,
 }
 
-/// Noise as the fit has found it.
+/// Noise as estimated by the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NoiseReport {
     /// Standard deviation, in the channel's unit.
@@ -158,18 +158,18 @@ pub struct ChannelReport {
     pub name: String,
     /// Unit.
     pub unit: String,
-    /// Noise of means over blocks, where a run has very many readings.
+    /// Noise; that of block means if a run has very many readings.
     pub noise: NoiseReport,
     /// Misfit in the runs that were fitted.
     pub training: Misfit,
-    /// Misfit in the runs that judge.
+    /// Misfit in the held-out runs.
     pub held_out: Option<Misfit>,
 }
 
-/// Discrepancy that every model leaves at a site.
+/// Estimated discrepancy at a site.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DiscrepancyReport {
-    /// Site; nothing for offsets of single runs.
+    /// Site; `None` for the offsets of single runs.
     pub site: Option<String>,
     /// Regressor.
     pub regressor: Option<String>,
@@ -189,10 +189,10 @@ pub struct Report {
     pub regions: Vec<Region>,
     /// Laws that were added.
     pub terms: Vec<TermReport>,
-    /// Offsets: means over the data of what laws add to both signs of their regressors alike, as an identification with a constant alone has it.
+    /// Offsets: means over the data of the even part of the laws, comparable with an identification that has only a constant.
     pub offsets: Vec<PartReport>,
-    /// Sums of signs of rates and of slipping bristles: half of what a site changes by when a motion is reversed. Of a force it is Coulomb's
-    /// friction, as an identification with a sign alone has it.
+    /// Reversals: half of the change at a site when a motion is reversed, from signs of rates and slipping bristles. For a
+    /// force it is the Coulomb friction, comparable with an identification that has only a sign.
     pub reversals: Vec<PartReport>,
     /// Parameters of the model.
     pub parameters: Vec<ParameterReport>,
@@ -206,7 +206,7 @@ pub struct Report {
     pub discrepancy: Vec<DiscrepancyReport>,
     /// Number of laws that were tried.
     pub candidates: usize,
-    /// Whether all fits have come to their end.
+    /// Whether all fits have converged.
     pub is_settled: bool,
     /// Remarks on these results.
     pub notes: Vec<String>,

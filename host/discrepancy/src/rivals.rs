@@ -1,7 +1,7 @@
-//! Rivals of a law: other explanations of the same.
+//! Rivals of a law: alternative explanations of the same data.
 //!
-//! A law is taken out and others are put in its place. Held-out runs compare explanations with each other, not through the model without any:
-//! of two laws that both predict far better than nothing, either may have the smaller p-value by chance.
+//! A law is removed and replaced by others. Held-out runs compare the explanations directly and not each with the model without
+//! them: of two laws that both predict far better than no law, either may have the smaller p-value by chance.
 
 use super::bench::Law;
 use super::fit::Fitted;

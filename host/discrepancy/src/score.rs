@@ -1,8 +1,9 @@
-//! Every candidate law scored around a fit without a fit of its own.
+//! Score of every candidate law around a fit, without fitting the candidate.
 //!
-//! Around a fit a law of amplitude a changes the predictions by `a d`. The part of d that the parameters could produce is projected out, the rest is
-//! projected on the residuals, and with a normal prior of the amplitude its evidence is a closed form, averaged over its shapes (Rao's efficient
-//! score). An amplitude is as large beforehand as what moves a channel by that channel's own standard deviation.
+//! Around a fit a law of amplitude a changes the predictions by `a d`. The part of d in the span of the parameters'
+//! sensitivities is projected out, and the remainder is projected on the residuals (Rao's efficient score). With a normal prior
+//! of the amplitude the evidence has a closed form, which is averaged over the shapes. The standard deviation of that prior is
+//! the amplitude that changes a channel by the channel's own standard deviation.
 
 use super::basis::Basis;
 use super::bench::{Bench, Law};
@@ -19,11 +20,11 @@ pub(crate) const ALL_ELIMINATED: f64 = 1e-6;
 /// The score of a law.
 #[derive(Debug, Clone)]
 pub(crate) struct Score {
-    /// With the priors of its amplitudes at its best shape.
+    /// The law, with the priors of its amplitudes at the best shape.
     pub law: Law,
-    /// Likeliest amplitudes, then the fraction of the range of its shape.
+    /// Most probable amplitudes, then the shape as a fraction of its range.
     pub numbers: Vec<f64>,
-    /// Log evidence over the fit, with noise as it is there and as if it were white.
+    /// Log evidence over the fit, with the noise of the fit and with white noise.
     pub log_evidence: [f64; 2],
 }
 
@@ -34,9 +35,9 @@ pub(crate) const TOGETHER: usize = 2;
 /// Two laws together: each may be weak alone where the other hides it, as an offset and an asymmetry do.
 #[derive(Debug, Clone)]
 pub(crate) struct Pair {
-    /// Both, with the amplitudes that they have together.
+    /// Both laws, with their amplitudes in a joint estimate.
     pub scores: [Score; TOGETHER],
-    /// Log evidence over the fit, as of a score.
+    /// Log evidence over the fit, as in [`Score`].
     pub log_evidence: [f64; 2],
 }
 
@@ -82,7 +83,7 @@ pub(crate) fn candidates(bench: &Bench<'_>, effects: &[Effect]) -> Vec<Law> {
     laws
 }
 
-/// An effect that is to be tried: `site/regressor/form`, where any part may be `*`; a constant is `site/constant`.
+/// An effect to be tried: `site/regressor/form`, of which any part may be `*`; a constant is `site/constant`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Effect {
     site: String,

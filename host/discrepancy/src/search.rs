@@ -1,9 +1,10 @@
-//! The search: which laws explain the runs, with what probability.
+//! The search for the laws that explain the runs, with their probabilities.
 //!
-//! Around a fit every candidate is scored, the best are fitted, and each gets its weight: its evidence times its prior, in which some law is missing
-//! as likely as none is and every candidate has an equal part, times what held-out runs are worth. While a law is missing with the stated probability, the likeliest one is added that
-//! held-out runs do not refuse. Then every law is taken out again and replaced by its rivals: its probability is that of the models
-//! that have it among these.
+//! Around a fit every candidate is scored, and the best are fitted. The weight of each is its evidence times its prior times
+//! the e-value of the held-out runs; in the prior, "a law is missing" and "none is" have equal probability, and all candidates
+//! are equally probable. While some law is missing with the stated probability, the most probable law that held-out runs do not
+//! refuse is added. Then every law is removed in turn and replaced by its rivals. Its probability is that of the models that
+//! contain it.
 
 use super::basis::Basis;
 use super::bench::{Bench, Law};
@@ -24,7 +25,7 @@ const LEADERS: usize = 4;
 /// Why a law was not added.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Refusal {
-    /// Too unlikely beside the models without it.
+    /// Too improbable compared with the models without it.
     Unlikely,
     /// Held-out runs do not confirm it.
     NotConfirmed(Judgement),
@@ -40,13 +41,13 @@ pub(crate) struct Refused {
 
 /// Odds of a model beside a smaller one.
 pub(super) struct Standing {
-    /// Logarithm of its odds: evidence and prior, times what held-out runs are worth.
+    /// Logarithm of its odds: evidence, prior and e-value of the held-out runs.
     pub ln_odds: f64,
     pub judgement: Option<Judgement>,
 }
 
 impl Standing {
-    /// Why it is refused; nothing where it is not.
+    /// Reason of the refusal, if it is refused.
     pub fn refusal(&self) -> Option<Refusal> {
         match self.judgement {
             Some(judgement) if !judgement.is_confirmed() => Some(Refusal::NotConfirmed(judgement)),
@@ -57,13 +58,13 @@ impl Standing {
 
 /// A law of the final model.
 pub(crate) struct Member {
-    /// Logarithm of its odds beside the same model without it.
+    /// Logarithm of its odds over the same model without it.
     pub ln_odds: f64,
-    /// Probability of the models that have it, of those with it, with a rival, or with neither.
+    /// Probability of the models with it, among those with it, with a rival, or with neither.
     pub probability: f64,
-    /// Other laws in its place with their probabilities, likeliest first.
+    /// Rivals in its place with their probabilities, most probable first.
     pub rivals: Vec<(Fitted, f64)>,
-    /// Held-out runs, with it beside without it.
+    /// Test on held-out runs, with it against without it.
     pub judgement: Option<Judgement>,
 }
 
@@ -76,7 +77,7 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// The same laws with the values at which they predict best; of the rivals too.
+    /// The same laws, and their rivals, with the values at which they predict best.
     ///
     /// # Errors
     /// Where the model fails for other reasons than its values.
@@ -182,7 +183,7 @@ impl Search<'_> {
         Ok(smaller.zip(larger).map(|(smaller, larger)| judge(&smaller, &larger)))
     }
 
-    /// Searches from a model on.
+    /// Searches, starting from a model.
     ///
     /// # Errors
     /// Where the model fails for other reasons than its values.

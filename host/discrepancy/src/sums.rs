@@ -1,8 +1,8 @@
 //! Laws that are sums of simpler ones.
 //!
-//! A law with a level, of a regressor that takes both signs, is a sum of laws without one at a level of zero: a step is half a constant and half a sign, what grows
-//! above or below zero is half an asymmetry and half of what is proportional. Such a law is another explanation only where its level is none of zero:
-//! at zero it is the same function in other words, and the sum takes its place.
+//! A law with a level, of a regressor with both signs, is at level zero a sum of laws without a level: a step is half a
+//! constant plus half a sign, and a ramp above or below zero is half an asymmetry plus half a proportional law. Only at another
+//! level is it a different explanation; at zero it is the same function, and the sum replaces it.
 
 use super::bench::{Bench, Law, rms};
 use super::fit::Fitted;

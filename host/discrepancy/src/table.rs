@@ -1,4 +1,4 @@
-//! Runs as CSV files: a column `time_s`, the channels that a model predicts, and everything else as known columns.
+//! Runs as CSV files: a column `time_s`, the channels that a model predicts, and all others as known columns.
 
 use super::data::{Channel, Column, Run, TIME};
 use super::process::Predicted;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Suffix of a column with the standard deviations of a channel.
 const SD: &str = "_sd";
 
-/// Why a file is no run.
+/// Reason for which a file is no run.
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
     /// It cannot be read as CSV.
@@ -50,7 +50,8 @@ fn is_channel(channels: &[Predicted], name: &str) -> bool {
 }
 
 impl Run {
-    /// Reads a run from a CSV file, named by its path; of a channel a column with `_sd` behind its name has the standard deviations.
+    /// Reads a run, named by its path, from a CSV file. A column with the name of a channel and `_sd` has the channel's
+    /// standard deviations.
     ///
     /// # Errors
     /// [`TableError`] with line and column.

@@ -1,4 +1,4 @@
-//! Laws at sites, as a model evaluates them.
+//! Laws at sites, in the form that a model evaluates.
 
 use super::form::{Form, Span};
 use serde::Serialize;
@@ -10,22 +10,22 @@ use std::sync::{Mutex, PoisonError};
 pub struct Term {
     /// Name of the site.
     pub site: String,
-    /// Name of the regressor; nothing for a constant.
+    /// Name of the regressor; `None` for a constant.
     pub regressor: Option<String>,
     /// Its form.
     pub form: Form,
-    /// Amplitudes, then the number of its shape.
+    /// Amplitudes, then the shape parameter.
     pub values: Vec<f64>,
     /// Range of the regressor's values.
     pub span: Span,
 }
 
-/// Ranges of the values that a model gives regressors as it evaluates laws, by site and regressor.
+/// Ranges of the regressors' values that a model passes when it evaluates laws, by site and regressor.
 #[derive(Debug, Default)]
 pub struct Ranges(Mutex<BTreeMap<(String, String), [f64; 2]>>);
 
 impl Ranges {
-    /// The range of a regressor at a site; nothing where the model has not stated a number.
+    /// The range of a regressor at a site; `None` if the model has not passed a finite value.
     pub fn get(&self, site: &str, regressor: &str) -> Option<[f64; 2]> {
         let ranges = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         ranges.get(&(site.to_owned(), regressor.to_owned())).copied()
@@ -50,17 +50,17 @@ pub struct Terms<'a> {
 }
 
 impl<'a> Terms<'a> {
-    /// Takes these laws.
+    /// Terms of these laws.
     pub fn new(list: &'a [Term]) -> Self {
         Self { list, ranges: None }
     }
 
-    /// The same, and the ranges of regressors are kept.
+    /// Terms of these laws, which record the ranges of regressors.
     pub fn recording(list: &'a [Term], ranges: &'a Ranges) -> Self {
         Self { list, ranges: Some(ranges) }
     }
 
-    /// Takes ranges that a copy of these laws has recorded.
+    /// Includes the ranges that a copy of these laws has recorded.
     pub fn include(&self, ranges: &Ranges) {
         let ranges = ranges.0.lock().unwrap_or_else(PoisonError::into_inner);
         for ((site, name), range) in ranges.iter() {
@@ -68,13 +68,13 @@ impl<'a> Terms<'a> {
         }
     }
 
-    /// All of them.
+    /// All laws.
     pub fn list(&self) -> &'a [Term] {
         self.list
     }
 
-    /// Sum of the laws of a site at these values of its regressors, one instant alone. A law with a history is not evaluated here:
-    /// it acts where the model calls [`Terms::add`] and its regressor is declared so.
+    /// Sum of the laws of a site at these values of its regressors, at one instant. A law with a history is not evaluated here,
+    /// but by [`Terms::add`], if its regressor is declared to have a history.
     pub fn value(&self, site: &str, regressors: &[(&str, f64)]) -> f64 {
         let mut sum = [0.0];
         self.record(site, regressors.iter().map(|(name, x)| (*name, std::slice::from_ref(x))));
@@ -91,7 +91,7 @@ impl<'a> Terms<'a> {
         sum[0]
     }
 
-    /// Adds what the laws of a site do over whole series.
+    /// Adds the laws of a site over whole series.
     pub fn add(&self, site: &str, regressors: &[(&str, &[f64])], sum: &mut [f64]) {
         self.record(site, regressors.iter().copied());
         for term in self.list.iter().filter(|term| term.site == site) {

@@ -1,15 +1,15 @@
-//! Probabilities of models and of what is held out.
+//! Probabilities of models, and tests on held-out data.
 //!
-//! A model's weight is its evidence times its prior. Under a model that lacks nothing the Bayes factor of any effect has mean 1 whatever the
-//! noise is, so that by Markov's inequality the effects of prior odds `q` together reach posterior odds `r` in at most a fraction `q / r` of
-//! data sets.
+//! A model's weight is its evidence times its prior. If the model is complete, the Bayes factor of any effect has mean 1,
+//! whatever the noise. By Markov's inequality, effects with prior odds `q` in total then reach posterior odds `r` in at most a
+//! fraction `q / r` of data sets.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Probability from which on something is said to be so: a name is one where the effect is missing with this probability, and a class
-/// holds the smallest set of explanations with it.
+/// Probability from which on a statement is made: a named effect is missing with this probability, and a class is the smallest
+/// set of explanations with it.
 pub const STATED_PROBABILITY: f64 = 0.95;
-/// A model whose weight is a smaller share of the largest than `exp` of this shows in no digit of an interval: 6e-6.
+/// Logarithm of a relative weight (6e-6 of the largest) below which a model changes no printed digit of an interval.
 pub const NO_WEIGHT: f64 = -12.0;
 
 /// Logarithm of the odds at [`STATED_PROBABILITY`].
@@ -17,14 +17,14 @@ pub fn stated_ln_odds() -> f64 {
     (STATED_PROBABILITY / (1.0 - STATED_PROBABILITY)).ln()
 }
 
-/// Squared distance, in standard deviations of the noise, of predictions that no run tells apart: it gives odds of `exp` of its half,
-/// which would have to be those of [`STATED_PROBABILITY`].
+/// Squared distance, in standard deviations of the noise, below which no run distinguishes two predictions: half of it is the
+/// log odds that it gives, which would have to be those of [`STATED_PROBABILITY`].
 pub fn indistinct() -> f64 {
     2.0 * stated_ln_odds()
 }
 
-/// Squared distance, in standard deviations of the noise, of predictions that are the same: the evidence of the two differs by less than the
-/// probability that is not stated.
+/// Squared distance, in standard deviations of the noise, below which two predictions count as equal: their evidence differs by
+/// less than 1 - [`STATED_PROBABILITY`].
 pub fn same() -> f64 {
     -2.0 * STATED_PROBABILITY.ln()
 }
@@ -39,7 +39,7 @@ pub fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
     }
 }
 
-/// Count of the first of these weights, largest first, that have [`STATED_PROBABILITY`] together.
+/// Number of the largest weights that together have [`STATED_PROBABILITY`]; the weights are in descending order.
 pub fn smallest_set(ln_weights: &[f64]) -> usize {
     let total = ln_sum(ln_weights.iter().copied());
     let mut sum = 0.0;
@@ -52,17 +52,18 @@ pub fn smallest_set(ln_weights: &[f64]) -> usize {
         .map_or(ln_weights.len(), |last| last + 1)
 }
 
-/// Lowers the weights of models that were refused for other reasons than their weight: all of them together are no more likely than the
-/// model that was taken, whose weight is `taken`.
+/// Lowers the weights of models that were refused for other reasons than their weight, so that together they are at most as
+/// probable as the chosen model, whose weight is `taken`.
 pub fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
     let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
     let even = taken - (refused.len().max(1) as f64).ln();
     refused.iter_mut().for_each(|ln| **ln = even);
 }
 
-/// Whether one model predicts what was held out worse than another beyond chance, by its losses part by part: the mean difference is above
-/// 0 with the stated probability, by Student's t over the parts, whatever correlates the readings within one (Vuong, "Likelihood ratio
-/// tests for model selection and non-nested hypotheses", Econometrica 57:307, 1989). Models that no run tells apart do not refute each other.
+/// Whether one model predicts held-out data significantly worse than another. Student's t test over the parts of the data
+/// decides whether the mean difference of the losses is above 0 with the stated probability, so that correlations within a part
+/// do not matter (Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", Econometrica 57:307, 1989).
+/// Models that no run distinguishes do not refute each other.
 pub fn is_refuted(losses: &[f64], by: &[f64]) -> bool {
     let differences: Vec<f64> = losses.iter().zip(by).map(|(worse, better)| worse - better).collect();
     let count = differences.len() as f64;
@@ -73,9 +74,9 @@ pub fn is_refuted(losses: &[f64], by: &[f64]) -> bool {
     sum > indistinct() && sum > student.inverse_cdf(STATED_PROBABILITY) * sd_of_sum
 }
 
-/// Logarithm of what a p-value of data that were not fitted is worth as a Bayes factor: the calibrator `(1 - p + p ln p) / (p ln^2 p)`, whose
-/// mean without an effect is 1, so that it multiplies odds and Markov's bound stays (Vovk and Wang, "E-values: calibration, combination and
-/// applications", Ann. Stat. 49:1736, 2021).
+/// Logarithm of the e-value for a p-value of held-out data: the calibrator `(1 - p + p ln p) / (p ln^2 p)`. Its mean is 1 under
+/// the null hypothesis, so that it multiplies odds like a Bayes factor and Markov's bound remains valid (Vovk and Wang,
+/// "E-values: calibration, combination and applications", Ann. Stat. 49:1736, 2021).
 pub fn ln_e_value(p: f64) -> f64 {
     let p = p.clamp(f64::MIN_POSITIVE, 1.0);
     let ln = p.ln();

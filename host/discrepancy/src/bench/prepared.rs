@@ -1,4 +1,4 @@
-//! A run as it is fitted: means over blocks of its readings.
+//! A run prepared for fits: means over blocks of its readings.
 
 use crate::data::Run;
 use crate::noise::Segment;

@@ -1,41 +1,43 @@
-//! Readings that no fit has used, as a model with its discrepancy expects them after the runs that it was fitted to.
+//! Predictive density of held-out readings under a model with its discrepancy, given the runs to which it was fitted.
 //!
-//! The amplitudes of the patterns that runs share have a posterior after the residuals of the fitted runs, of mean `mu` and covariance
-//! `R^T R` (in sizes); further runs have amplitudes of their own besides, and the parameters of the model are not known exactly. Where these
-//! are off by one standard deviation along an axis of their covariance, residuals change by a column, and `mu` with them. So whitened
-//! readings of further runs are `Phi s mu + U a + e`, where e is noise, every entry of a has unit variance, and U has a column for each
-//! amplitude of the run, each root of a shared one, and each axis of the parameters.
+//! Given the residuals of the fitted runs, the amplitudes of the shared functions have a posterior with mean `mu` and
+//! covariance `R^T R` (in units of their sizes). A further run also has amplitudes of its own, and the parameters of the model
+//! are uncertain: a change by one standard deviation along a principal axis of their covariance changes the residuals by a
+//! column, and `mu` accordingly. So the whitened readings of further runs are `Phi s mu + U a + e`, where e is noise and a has
+//! independent entries of unit variance. U has a column for each amplitude of the run itself, each column of the root R, and
+//! each principal axis of the parameters.
 //!
-//! Parts of the runs follow each other, each after the parts before it: with `Lambda = I + sum U^T U` and `eta = sum U^T d` over the parts so far,
-//! twice minus the logarithm of the density of all of them is `sum d^T d - eta^T Lambda^-1 eta + ln det Lambda`, and a part is what it adds. So
-//! parts add up to the density of all, and what one run has in common, as its zero, counts once: the first part tells of it, the others
-//! expect it.
+//! The parts of the runs are predicted one after the other, each given the parts before it. With `Lambda = I + sum U^T U` and
+//! `eta = sum U^T d` over the parts so far, minus twice the logarithm of their joint density is `sum d^T d - eta^T Lambda^-1
+//! eta + ln det Lambda`, and the term of a part is the increment that it causes. So the terms add up to the joint density, and
+//! a common error of a run, such as its zero, counts once: the first part estimates it for the others.
 
 use super::{Patterns, scale_columns, sizes_of};
 use nalgebra::{DMatrix, DVector};
 
-/// Amplitudes of the patterns that runs share, in sizes of their groups: mean after every column, and a root R of their covariance, `R^T R`.
+/// Posterior of the amplitudes of the shared functions, in units of their sizes: the mean given each column, and a root R of
+/// the covariance `R^T R`.
 pub struct SharedAmplitudes {
     means: DMatrix<f64>,
     root: DMatrix<f64>,
 }
 
-/// A run that no fit has used.
+/// A held-out run.
 #[derive(Debug)]
 pub struct FurtherRun {
-    /// Its number among those of the patterns.
+    /// Number of the run in the basis.
     pub run: usize,
-    /// Its whitened residuals, and what they change by where the parameters are off by one standard deviation along each axis of their
-    /// covariance.
+    /// Its whitened residuals, then their change for one standard deviation of the parameters along each principal axis of
+    /// their covariance.
     pub columns: DMatrix<f64>,
     /// Readings of every part.
     pub parts: Vec<Vec<usize>>,
 }
 
-/// Some readings of a run by the density of a model, after the parts before them.
+/// Predictive density of some readings of a run, given the parts before them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ahead {
-    /// Square of the readings' distance from what is expected, in the metric of their covariance.
+    /// Squared Mahalanobis distance of the readings from their expectation.
     pub square: f64,
     /// Logarithm of the determinant of that covariance, in units of noise.
     pub ln_determinant: f64,
@@ -91,20 +93,21 @@ impl Solved {
 }
 
 impl Patterns {
-    /// Only the first so many runs.
+    /// Only the first `count` runs.
     #[must_use]
     pub fn of_first(&self, count: usize) -> Self {
         let first_runs = self.runs.iter().take(count).cloned().collect();
         Self::new(self.groups.clone(), self.shared_groups.clone(), first_runs)
     }
 
-    /// Shared amplitudes after whitened columns of all runs, as those of [`FurtherRun::columns`]; nothing where a size makes no sense.
+    /// Posterior of the shared amplitudes given whitened columns of all runs, in the order of [`FurtherRun::columns`]; `None`
+    /// for an invalid size.
     pub fn shared_after(&self, sizes: &[f64], columns: &[DMatrix<f64>]) -> Option<SharedAmplitudes> {
         let reduced = self.reduced(sizes, &self.products(columns), 0)?;
         Some(SharedAmplitudes { means: reduced.root.tr_mul(&reduced.solved), root: reduced.root })
     }
 
-    /// The parts of further runs, one after the other, after what gave the shared amplitudes; nothing where a size makes no sense.
+    /// Densities of the parts of further runs, one after the other, given the shared amplitudes; `None` for an invalid size.
     pub fn ahead(
         &self,
         sizes: &[f64],

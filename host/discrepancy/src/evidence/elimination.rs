@@ -1,13 +1,13 @@
-//! Scalar products of many columns in the metric of noise and discrepancy, where each is needed with few others.
+//! Scalar products of many columns in the metric of noise and discrepancy, of which each is needed with a few others only.
 //!
-//! `C^T S^-1 C = C^T C - V^T V` with `V` of the columns' products with the patterns alone: once these are known the metric of other sizes
-//! costs no further pass over the readings.
+//! `C^T S^-1 C = C^T C - V^T V` where `V` depends only on the columns' products with the basis functions. Once these are known,
+//! other sizes need no further pass over the readings.
 
 use super::factor::inverse_root;
 use super::{Patterns, Products, sizes_of};
 use nalgebra::{DMatrix, DVector};
 
-/// Patterns of some sizes, eliminated.
+/// Basis functions at some sizes, eliminated.
 #[derive(Debug)]
 pub struct Elimination {
     runs: Vec<OfRun>,
@@ -28,7 +28,7 @@ struct OfRun {
 }
 
 impl Patterns {
-    /// For patterns of these sizes; nothing where a size makes no sense.
+    /// Elimination at these sizes; `None` for an invalid size.
     pub fn elimination(&self, sizes: &[f64]) -> Option<Elimination> {
         let shared_sizes = sizes_of(&self.shared_groups, sizes);
         let count = shared_sizes.len();
@@ -59,7 +59,7 @@ impl Patterns {
 }
 
 impl Elimination {
-    /// `V` of columns with these products: what the patterns have of each, in orthogonal coordinates.
+    /// `V` of columns with these products: the components of each column along the basis functions, in orthogonal coordinates.
     pub fn of(&self, products: &Products) -> DMatrix<f64> {
         let mut coordinates = Vec::with_capacity(self.runs.len() + 1);
         let mut shared = products.shared.clone();

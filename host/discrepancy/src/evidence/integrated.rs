@@ -1,14 +1,14 @@
-//! Evidence and intervals with the sizes of the discrepancy integrated over, not only taken at their likeliest values
-//! (theory, eq. 61).
+//! Evidence and intervals integrated over the sizes of the discrepancy instead of at their most probable values (theory, eq.
+//! 61).
 //!
 //! With `G = M^-1` and `m = G L b` of the evidence, the second derivatives of `-ln Z` by the logarithms of the sizes of groups g and h are
 //!
 //! `H_gh = 2 d_gh sum_g (G_jj + m_j^2) - 2 sum_gh G_jk^2 - 4 sum_gh m_j G_jk m_k`
 //!
 //! and those of the prior. The evidence integrated over the sizes is smaller by `ln det(H) / 2` (Laplace). Mean and covariance of the
-//! parameters depend on the sizes: along each principal axis of H they are taken at three points, weighted by the evidence there, and
-//! the second moments of all axes add up (Rue, Martino and Chopin, "Approximate Bayesian inference for latent Gaussian models by using
-//! integrated nested Laplace approximations", 2009).
+//! parameters depend on the sizes: along each principal axis of H they are evaluated at three points, weighted by the evidence
+//! there, and the second moments of the axes are added (Rue, Martino and Chopin, "Approximate Bayesian inference for latent
+//! Gaussian models by using integrated nested Laplace approximations", 2009).
 
 use super::{Evidence, Patterns, Products, Reduced};
 use nalgebra::{DMatrix, DVector};
@@ -93,8 +93,9 @@ impl Patterns {
         0.5 / (widest * widest)
     }
 
-    /// Gain of log evidence by integrating over the sizes around their likeliest values, up to what all hypotheses share; nothing
-    /// where a size makes no sense. A size that the data determine is worth less than one that may be anything that is ordinary.
+    /// Change of the log evidence by integration over the sizes around their most probable values, up to a constant that all
+    /// hypotheses share; `None` for an invalid size. It is lower for a size that the data determine than for one that keeps the
+    /// width of its prior.
     pub fn ln_volume_of_sizes(&self, sizes: &[f64], products: &Products) -> Option<f64> {
         let (_, curvature) = self.curvature(sizes, products)?;
         if curvature.is_empty() {
@@ -104,8 +105,8 @@ impl Patterns {
         Some(-0.5 * eigenvalues.iter().map(|value| value.max(least).ln()).sum::<f64>())
     }
 
-    /// Covariance of the parameters, in units of their priors, with the sizes integrated over; that at the likeliest sizes where the
-    /// integral makes no sense.
+    /// Covariance of the parameters, in units of their priors, with the sizes integrated over; that at the most probable sizes
+    /// if the integral does not exist.
     pub fn integrated_covariance(&self, sizes: &[f64], products: &Products) -> Option<DMatrix<f64>> {
         let base_evidence = self.evidence(sizes, products)?;
         let Some((free, curvature)) = self.curvature(sizes, products) else {

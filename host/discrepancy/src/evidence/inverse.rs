@@ -1,4 +1,4 @@
-//! The inverse of the covariance of noise and discrepancy, for whole columns at once.
+//! Inverse of the covariance of noise and discrepancy, applied to whole columns.
 
 use super::{Patterns, scale_columns, sizes_of};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -12,7 +12,7 @@ pub struct Inverse {
 }
 
 impl Patterns {
-    /// For patterns of these sizes; nothing where a size makes no sense.
+    /// Inverse at these sizes; `None` for an invalid size.
     pub fn inverse(&self, sizes: &[f64]) -> Option<Inverse> {
         let shared = self.shared_groups.len();
         let shared_sizes = sizes_of(&self.shared_groups, sizes);
@@ -36,12 +36,12 @@ impl Patterns {
 }
 
 impl Inverse {
-    /// Number of patterns.
+    /// Number of basis functions.
     pub fn count(&self) -> usize {
         self.factor.l_dirty().nrows()
     }
 
-    /// Effect of amplitudes of the patterns, in standard deviations, on the readings of each run.
+    /// Effect of amplitudes, in units of their standard deviations, on the readings of each run.
     pub fn of_amplitudes(&self, amplitudes: &DMatrix<f64>) -> Vec<DMatrix<f64>> {
         self.patterns.iter().map(|patterns| patterns * amplitudes).collect()
     }

@@ -1,10 +1,10 @@
-//! Search for the sizes of the discrepancy's groups at which the evidence is largest (theory, eq. 61).
+//! Maximization of the evidence over the sizes of the discrepancy's groups (theory, eq. 61).
 //!
-//! Newton's method in the logarithms of the sizes with the second derivatives of [`super::integrated`]: a diagnosis needs these sizes
-//! thousands of times, and a method that learns the curvatures from slopes takes three times the evaluations. Where a size is far too small,
-//! `-ln Z` falls by an exponential that Newton's method descends in steps of one half; the step of expectation and maximization,
-//! `s_g^2 <- mean of the variance and the squared mean of the group's amplitudes`, goes there at once (Dempster, Laird and Rubin, "Maximum likelihood from
-//! incomplete data via the EM algorithm", 1977).
+//! Newton's method in the logarithms of the sizes with the second derivatives of [`super::integrated`]: a diagnosis needs these
+//! sizes thousands of times, and a quasi-Newton method takes three times the evaluations. Far below the optimum of a size, `-ln
+//! Z` decreases exponentially in its logarithm, and Newton's method advances only by steps of one half. There the step of
+//! expectation and maximization, `s_g^2 <- mean of the variance and the squared mean of the group's amplitudes`, reaches the
+//! optimum at once (Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977).
 
 use super::{Evidence, Patterns, Products, Reduced};
 use nalgebra::{DMatrix, DVector};
