@@ -1,7 +1,7 @@
-//! Alternatives to an effect on the foundation that was not chosen.
+//! Alternatives to an effect on the other foundation.
 //!
-//! Each foundation imitates the other one where the modulus varies with depth, and what is missing may have one name on springs and another
-//! one in a body. A class that knew the chosen foundation alone would state a name as the only one that is possible.
+//! Each foundation imitates the other one if the modulus varies with depth, so that the missing effect may be one on springs
+//! and another one in a body. A class over the chosen foundation alone would present its effect as the only possible one.
 
 use super::choice::Beside;
 use super::found::{Explanation, Member};
@@ -16,7 +16,7 @@ enum InPlace {
     Same,
     /// Another one.
     Other(&'static dyn Effect),
-    /// None: the foundation alone explains what the effect does.
+    /// None: the other foundation alone explains the data.
     Nothing,
 }
 

@@ -1,12 +1,12 @@
-//! Whether a model is adequate, and where it is not (theory, eq. 67).
+//! Adequacy of a model, and the regions in which it is inadequate (theory, eq. 67).
 //!
 //! The missing part of a model is smooth in the coordinates of the data: depth, displacement, direction of motion,
-//! time. Two questions are posed to the residuals of a fit, the parameters' part always taken off:
+//! time. Two tests are applied to the residuals of a fit, with the parameters' directions projected out:
 //!
-//! * how much of them lies in smooth functions of the coordinates, channel by channel ([`Adequacy`]): a chi-square of as many degrees
-//!   of freedom as there are functions, for any missing effect;
-//! * which interval of which coordinate stands out most, in one channel, alike or opposite on both sides of zero ([`regions`]): a scan
-//!   beside noise and the imperfections that every rig has, its significance corrected for the number of intervals tried.
+//! * the sum of squares in smooth functions of the coordinates, channel by channel ([`Adequacy`]): a chi-square with as many
+//!   degrees of freedom as functions, sensitive to any missing effect;
+//! * the most significant interval of a coordinate, in one channel, with equal or opposite signs on both sides of zero
+//!   ([`regions`]): a scan statistic relative to noise and typical imperfections, corrected for the number of intervals tried.
 
 mod regions;
 
@@ -32,16 +32,16 @@ pub(super) struct Structure {
     pub chi_square: f64,
     /// Number of the functions.
     pub functions: usize,
-    /// Probability of more by chance.
+    /// p-value.
     pub p: f64,
 }
 
 /// Remaining smooth structure.
 #[derive(Debug, Clone)]
 pub(super) struct Adequacy {
-    /// Beside noise alone.
+    /// Relative to noise alone.
     pub noise: Structure,
-    /// Beside noise and the discrepancy that every rig has.
+    /// Relative to noise and the typical discrepancy of a rig.
     pub everyday: Structure,
     /// Reduced chi-square of every channel: sum of squares and number.
     pub channels: Vec<(Channel, f64, usize)>,
@@ -101,12 +101,12 @@ impl Adequacy {
         Ok(Self { noise, everyday, channels, discrepancy })
     }
 
-    /// Whether nothing is missing but what every rig has.
+    /// Whether no more is missing than the typical discrepancy of a rig.
     pub fn is_adequate(&self) -> bool {
         self.everyday.p >= LEVEL
     }
 
-    /// Whether what is left is noise.
+    /// Whether the residuals are noise.
     pub fn is_within_noise(&self) -> bool {
         self.noise.p >= LEVEL
     }

@@ -1,10 +1,10 @@
-//! Intervals over all models that the data leave in question: members of a class, the model without an effect that was barely named,
-//! the model with one that barely was not (theory, eq. 66).
+//! Intervals averaged over all plausible models: members of a class, the model without an effect just above the margin of a
+//! name, the model with one just below it (theory, eq. 66).
 //!
-//! Every such model has a fit; its posterior counts with its evidence and the odds that the search gives it beforehand: each effect costs
-//! the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps where an effect passes the
-//! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture,
-//! and holds that value.
+//! Every such model is fitted, and its posterior has its evidence times the prior odds of the search as weight: each effect
+//! costs the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps when an
+//! effect passes the margin. The reported value is that of the first member, whose effects are in the model file; the interval
+//! is that of the mixture, and includes that value.
 
 use super::choice::Beside;
 use super::evidence::Patterns;
@@ -35,13 +35,13 @@ pub(super) struct Averaged {
     fits: Vec<(f64, Fitted)>,
     /// The final fit.
     own: Fitted,
-    /// Depth of the tissue that the runs have touched, m.
+    /// Greatest depth of tissue that the runs have reached, m.
     touched_m: f64,
 }
 
 impl Averaged {
-    /// The final fit, which is that of what the search found where that has a name and the start elsewhere, over the sizes of its discrepancy,
-    /// with all others that the search has left in question.
+    /// The final fit, integrated over the sizes of its discrepancy, and all other plausible fits of the search. The final fit
+    /// is that with the named effects, or the start if none is named.
     pub fn over<'a>(
         own: &Fitted,
         found: &'a Found,
@@ -107,7 +107,7 @@ impl Averaged {
         Self { fits, own: own.clone(), touched_m }
     }
 
-    /// The same fits to other runs of the same session.
+    /// The same models, fitted to other runs of the session.
     ///
     /// # Errors
     /// Where one of them does not fit these.
@@ -140,12 +140,12 @@ impl Averaged {
         &self.own
     }
 
-    /// Depth of the tissue that the runs have touched, m.
+    /// Greatest depth of tissue that the runs have reached, m.
     pub fn touched_m(&self) -> f64 {
         self.touched_m
     }
 
-    /// The models other than the final one, each once, as a model file has them: the likeliest, with their probabilities.
+    /// The most probable models other than the final one, each once, with their probabilities, for a model file.
     pub fn alternatives(&self) -> Vec<Alternative> {
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
         let mut other_fits: Vec<(f64, &Fitted)> = Vec::new();
@@ -189,9 +189,9 @@ impl Averaged {
         Some(holding(ends.map(in_range_pa), self.own.modulus_pa().0))
     }
 
-    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the result has one modulus for all of the
-    /// tissue, one that varies with depth counts with its mean over the tissue that was touched: its value at the
-    /// surface is another quantity.
+    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the result has one modulus for all of the tissue,
+    /// a modulus that varies with depth is represented by its mean over the tissue that was reached, because its value at the
+    /// surface is a different quantity.
     pub fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
         if self.counts_with_mean(fit) {
             fit.ln_mean_modulus(self.touched_m)
@@ -200,12 +200,12 @@ impl Averaged {
         }
     }
 
-    /// Whether a fit, whose modulus varies with depth while the result has one, counts with its mean modulus.
+    /// Whether a fit is represented by its mean modulus: it varies with depth while the result has one modulus.
     pub fn counts_with_mean(&self, fit: &Fitted) -> bool {
         varies(fit) && !varies(&self.own)
     }
 
-    /// The modulus K of springs, Pa, and its interval with models on the other foundation.
+    /// The modulus K of springs, Pa, and its interval, which includes models on the other foundation.
     pub fn k_pa(&self, on_springs: &OnSprings, beside: &[Beside]) -> (f64, Option<[f64; 2]>) {
         let chosen_fits = self.fits.iter().map(|(weight, fit)| (*weight, fit));
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
@@ -222,7 +222,7 @@ impl Averaged {
         (value_pa, ends.map(|ends| holding(ends.map(in_range_pa), value_pa)))
     }
 
-    /// Interval of the mean modulus down to the depth that was touched, Pa.
+    /// Interval of the mean modulus down to the greatest depth that was reached, Pa.
     pub fn mean_modulus_pa(&self) -> Option<[f64; 2]> {
         self.holding_own(|fit| fit.ln_mean_modulus(self.touched_m)).map(|ends| ends.map(in_range_pa))
     }
@@ -241,8 +241,7 @@ impl Averaged {
         ends.map(|ends| ends.map(f64::exp))
     }
 
-    /// Interval of a parameter of an effect, in its own unit, over all fits that have the effect; `None` if only one
-    /// has it.
+    /// Interval of a parameter of an effect, in its own unit, over all fits with the effect; `None` if only one fit has it.
     pub fn parameter(&self, effect: &dyn Effect, number: usize) -> Option<[f64; 2]> {
         let mut having = self.fits.iter().filter_map(|(_, fit)| Some((fit, fit.layout.index_of(effect)?)));
         let (first, first_parameter) = having.next()?;
@@ -273,8 +272,8 @@ fn holding([low, high]: [f64; 2], value: f64) -> [f64; 2] {
     [low.min(value), high.max(value)]
 }
 
-/// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes
-/// no sense.
+/// Interval of 95 % of a mixture of normal distributions, each stated by weight, mean and standard deviation; `None` if one of
+/// these is invalid.
 pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
     if let [(_, value, sd)] = parts {
         return Some([value - NORMAL_975 * sd, value + NORMAL_975 * sd]);

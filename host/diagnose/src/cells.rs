@@ -1,4 +1,4 @@
-//! A lateral recording in cells: means over a twentieth of a second, without what is misread, and stretches of cells over which forces
+//! A lateral recording in cells: means over a twentieth of a second without outliers, and stretches of cells over which forces
 //! are averaged.
 
 use super::course::{Track, Window, course};
@@ -23,17 +23,17 @@ pub(super) struct Cells {
     pub time_s: Vec<f64>,
     /// Vertical and horizontal force; NaN where no reading is usable.
     pub force_n: [Vec<f64>; 2],
-    /// Readings of the displacement, as read.
+    /// Readings of the displacement, before any correction.
     pub read_m: [Vec<f64>; 2],
     /// The hold of every cell.
     pub hold: Vec<Option<usize>>,
-    /// From the first reading of every cell to its last one.
+    /// Time from the first to the last reading of every cell.
     pub length_s: Vec<f64>,
     /// Cells in which guide 2 may have moved, vertically and horizontally.
     pub windows: [Vec<Window>; 2],
     /// Scatter of the readings of the force within the cells of holds.
     pub force_scatter: Scatter,
-    /// The same of the displacement.
+    /// Scatter of the readings of the displacement within the cells of holds.
     pub displacement_scatter: Scatter,
 }
 
@@ -55,7 +55,7 @@ impl Scatter {
         self.squares += usable.map(|value| (value - mean).powi(2)).sum::<f64>();
     }
 
-    /// Scatter of two recordings together.
+    /// Pooled scatter of two recordings.
     pub fn with(self, other: Self) -> Self {
         Self {
             cells: self.cells + other.cells,
@@ -64,12 +64,12 @@ impl Scatter {
         }
     }
 
-    /// Readings of a cell, on average.
+    /// Mean number of readings of a cell.
     pub fn readings_of_a_cell(self) -> f64 {
         if self.cells == 0 { 1.0 } else { (self.readings as f64 / self.cells as f64).max(1.0) }
     }
 
-    /// Their mean squared deviation from the mean of their cell: what the variance of a reading has above that of a cell.
+    /// Mean squared deviation of the readings from the mean of their cell: the variance of a reading less that of a cell.
     pub fn within_cells(self) -> f64 {
         if self.readings == 0 { 0.0 } else { self.squares / self.readings as f64 }
     }

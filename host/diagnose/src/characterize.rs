@@ -1,11 +1,10 @@
-//! The rig's own mechanics from runs in air: the needle is a beam that is known, and what is left is the rig (theory, eq. 62 without
-//! tissue, with the patterns of the sensor alone).
+//! The rig's mechanics from runs in air: the needle is a known beam, and the rest of the response is the rig's (theory, eq. 62
+//! without tissue, with the sensor's discrepancy only).
 //!
 //! All effects of guides, frame, actuators and force sensor are fitted together, by the same forward model as
-//! everything else. In air force and displacement alone determine one compliance, the sum of all that gives way; the
-//! shape of the needle separates the frame from the needle and its clamp, and known loads separate the force sensor's
-//! gain from the needle's stiffness. A parameter that the runs do not separate is reported as not identifiable, with
-//! the run that would settle it.
+//! everything else. In air, force and displacement alone determine one compliance, the sum of all compliances; the shape of the
+//! needle separates the frame from the needle and its clamp, and known loads separate the force sensor's gain from the needle's
+//! stiffness. A parameter that the runs do not separate is reported as not identifiable, with a run that would identify it.
 
 mod play;
 
@@ -56,21 +55,21 @@ const SETTLING_S: [f64; 2] = [5.0, 20.0];
 /// Choices of the user.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CharacterizeOptions {
-    /// Standard deviation of the force sensor's gain, relative, as a calibration with known loads gives it.
+    /// Relative standard deviation of the force sensor's gain, from a calibration with known loads.
     pub force_gain_sd: Option<f64>,
-    /// Standard deviation of the stated bending stiffness, relative.
+    /// Relative standard deviation of the stated bending stiffness.
     pub stiffness_sd: Option<f64>,
 }
 
-/// Precision of a parameter, and its source.
+/// Source of the information about a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
-    /// By the runs.
+    /// The runs.
     Identified,
-    /// By what was stated of it; the runs add little.
+    /// A statement; the runs add little.
     Stated,
-    /// By nothing.
+    /// None.
     NotIdentifiable,
 }
 
@@ -85,11 +84,11 @@ pub struct CharacterizedParameter {
     pub value: f64,
     /// Standard deviation.
     pub sd: f64,
-    /// 95 % interval, within what is possible.
+    /// 95 % interval, within the range of the parameter.
     pub ci95: [f64; 2],
-    /// Precision of the parameter.
+    /// Source of the information about it.
     pub standing: Standing,
-    /// The run that would settle it, where nothing determines it.
+    /// The run that would identify it, if it is not identifiable.
     pub settled_by: Option<&'static str>,
 }
 
@@ -100,24 +99,23 @@ impl CharacterizedParameter {
     }
 }
 
-/// A rig as its runs in air show it.
+/// A rig as characterized by its runs in air.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Characterisation {
     /// The runs that were used.
     pub runs: Vec<String>,
     /// Its parameters.
     pub parameters: Vec<CharacterizedParameter>,
-    /// Scatter of the force's zero from run to run, newtons; nothing with fewer than two runs.
+    /// Scatter of the force's zero from run to run, newtons; `None` with fewer than two runs.
     pub tare_scatter_n: Option<f64>,
-    /// Chi-square over its degrees of freedom: above 2 something is in the runs that is none of this.
+    /// Reduced chi-square: above 2 the runs contain an effect that the model of the rig lacks.
     pub chi_square_per_reading: f64,
     /// Skipped parts, and remarks on possible errors.
     pub warnings: Vec<String>,
 }
 
 impl Characterisation {
-    /// Rig as characterized, for a file: what the runs have determined, or was stated, of everything that stays the
-    /// same from session to session.
+    /// The characterized rig for a file: the parameters that are the same in all sessions, as determined by the runs or stated.
     pub fn model(&self, learned_from: Option<String>) -> ModelFile {
         let characterized = EFFECTS.iter().filter(|id| !OF_ONE_SESSION.contains(id));
         let effects = characterized.filter_map(|id| {

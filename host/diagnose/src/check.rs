@@ -1,7 +1,7 @@
-//! Expected abilities of a session before its diagnosis: for every effect the size from which on it would have a name.
+//! Sensitivity of a session, before its diagnosis: for every effect, the size from which on it would be named.
 //!
 //! There is no search. Noise, split, starting model, discrepancy and evidence are those of
-//! [`diagnose`](super::diagnose); whether a name is confirmed by what is held out is not part of it.
+//! [`diagnose`](super::diagnose); the confirmation by held-out runs is not part of it.
 
 use super::known::Released;
 use super::results::Estimate;
@@ -15,10 +15,10 @@ use mechanics::Support;
 use mechanics::effects::{Effect, all};
 use serde::Serialize;
 
-/// Probability with which an effect of a size in the table would have its name.
+/// Probability with which an effect of a size in the table would be named.
 pub const NAMED_PROBABILITY: f64 = 0.9;
 
-/// Expected abilities of a session.
+/// Sensitivity of a session.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
     /// Name and version of this form.
@@ -27,7 +27,7 @@ pub struct Check {
     pub session: Option<String>,
     /// Division of the runs into training and held-out runs.
     pub split: String,
-    /// Number of runs of which something is held out; without any nothing is ever named.
+    /// Number of runs with held-out parts; without any, no effect is ever named.
     pub held_out: usize,
     /// Foundation of the tissue.
     pub foundation: &'static str,
@@ -37,15 +37,16 @@ pub struct Check {
     pub needed: f64,
     /// Probability of the name at the sizes below.
     pub probability: f64,
-    /// The effects that these runs can show, those of which they show the least against what a careful laboratory overlooks first.
+    /// The effects that these runs can show. The first ones are those whose detectable size is smallest relative to a size that
+    /// a careful laboratory overlooks.
     pub effects: Vec<Showable>,
-    /// Effects of which no size within their range would have a name.
+    /// Effects that would not be named at any size within their range.
     pub not_shown: Vec<&'static str>,
-    /// Runs that cannot be used, and why.
+    /// Runs that cannot be used, with the reasons.
     pub warnings: Vec<String>,
 }
 
-/// An effect and the size from which on it would have a name.
+/// An effect and the size from which on it would be named.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Showable {
     /// Id of the effect.
@@ -56,15 +57,15 @@ pub struct Showable {
     pub value: f64,
     /// Its value without the effect.
     pub neutral: f64,
-    /// Size, as a multiple of one that a careful laboratory overlooks.
+    /// That size as a multiple of a size that a careful laboratory overlooks.
     pub over_usual: f64,
-    /// The place or time at which the session shows it best, of an effect that has one.
+    /// The place or time at which the session is most sensitive to it, for an effect that has one.
     pub place: Option<(&'static str, f64)>,
-    /// Effects that predict the same as far as this session tells.
+    /// Effects that this session cannot distinguish from it.
     pub alike: Vec<&'static str>,
 }
 
-/// Expected abilities of a session; `on_progress` receives a line for each step.
+/// Sensitivity of a session; `on_progress` receives a line for each step.
 ///
 /// # Errors
 /// [`DiagnoseError`] where nothing can be diagnosed.
@@ -137,7 +138,7 @@ fn showable(found: &NamedFrom) -> Option<Showable> {
 }
 
 impl Check {
-    /// Meaning of a name, in words.
+    /// Meaning of a named effect, in words.
     pub fn of_names(&self) -> String {
         format!(
             "log evidence {:+.1}: {:.0} % of the probability, over {} effects that these runs can show",

@@ -1,9 +1,9 @@
-//! Springs or an elastic body, and what of the two is left in question.
+//! Choice between springs and an elastic body, and the plausible models on the other one.
 //!
-//! Each foundation imitates the other one where the modulus varies with depth: a homogeneous body looks like springs that get softer with
-//! depth, and springs of one modulus like a body that gets stiffer. So an adequate model on one foundation is no end of the search: what
-//! varies is tried on the other one. Models are compared by evidence, of which each effect costs the margin of a name and a body
-//! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
+//! Each foundation imitates the other one if the modulus varies with depth: a homogeneous body looks like springs that become
+//! softer with depth, and springs of one modulus like a body that becomes stiffer. So an adequate model on one foundation does
+//! not end the search, which is repeated on the other one. Models are compared by evidence; each effect costs the margin of a
+//! name and a body costs [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
 
 use super::across::with_other_foundation;
 use super::adequacy::Adequacy;
@@ -29,7 +29,7 @@ pub(super) struct Choice {
     pub foundation: FoundationResult,
     pub start: Start,
     pub found: Found,
-    /// Models on the other foundation, likeliest first.
+    /// Models on the other foundation, most probable first.
     pub beside: Vec<Beside>,
 }
 
@@ -37,9 +37,10 @@ pub(super) struct Choice {
 #[derive(Debug, Clone)]
 pub(super) struct Beside {
     pub fitted: Fitted,
-    /// Logarithm of its odds over what was chosen; those refused for other reasons than their evidence have even odds together.
+    /// Logarithm of its odds over the chosen model. Models that were refused for other reasons than their evidence together
+    /// have even odds.
     pub ln_odds: f64,
-    /// Whether it may be what is there: its search and what was held out have not refused it.
+    /// Whether it is possible: neither its search nor the held-out runs have refused it.
     pub is_possible: bool,
 }
 

@@ -1,16 +1,15 @@
-//! The motion of guide 2, of readings that have noise.
+//! The trajectory of guide 2 from noisy readings.
 //!
-//! The model is driven by the position of guide 2, not by its sensor's reading: taken as true, white noise of the
-//! readings makes a force that follows them late fit better than one that follows at once, because a delay averages
-//! them. So the course between two holds is an unknown of its own ([`windows`]), and the model gets its mean given the
-//! readings: errors about that mean are independent of it, and bias nothing. Their covariance is that of the forces which
-//! follow the course ([`Window`]).
+//! The input of the model is the position of guide 2, of which the readings have errors. If they were taken as exact, their
+//! white noise would favour a delayed force, because a delay averages the noise. Therefore the trajectory between two holds is
+//! unknown ([`windows`]), and the model uses its posterior mean: the errors about that mean are uncorrelated with it and cause
+//! no bias (regression calibration). Their covariance enters that of the forces ([`Window`]).
 //!
-//! Beforehand guide 2 starts at any time, moves at one speed and stops at any time, and departs from that by a course whose
-//! second differences are normal, of any size from nothing to all that was read. Given the readings all of these are
-//! averaged, each by its likelihood. Times and size have no prior but their ranges, so that the mean has no tendency to start
-//! or to stop early. A hold is detected only where motion exceeds the noise: the course is unknown as far into a hold as motion at
-//! its mean speed is hidden. A sensor without noise is followed exactly.
+//! A priori guide 2 starts at any time, moves at one speed and stops at any time; the deviation from that motion has normal
+//! second differences with an unknown scale, from zero to that of the readings. The posterior averages over times and scale
+//! with their likelihood. Their priors are uniform, so that the mean has no tendency to start or to stop early. As a hold is
+//! detected only where motion exceeds the noise, the trajectory is unknown into the hold for as long as noise can hide motion
+//! at the mean speed. Readings without noise are followed exactly.
 //!
 //! Carroll, Ruppert, Stefanski and Crainiceanu, "Measurement error in nonlinear models" (2006), chapter 4; Wahba, "A
 //! comparison of GCV and GML for choosing the smoothing parameter" (1985).
@@ -38,7 +37,7 @@ const NO_CHANCE: f64 = 3.0;
 pub(super) struct Track<'a> {
     /// Middle of every cell, s.
     pub time_s: &'a [f64],
-    /// From the first reading of a cell to its last one, s.
+    /// Time from the first to the last reading of a cell, s.
     pub length_s: &'a [f64],
     /// Mean reading of every cell.
     pub read_m: &'a [f64],

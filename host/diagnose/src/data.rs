@@ -1,8 +1,8 @@
-//! A session's runs as the diagnosis uses them: what was done, what was measured, and where each measured number lies.
+//! A session's runs in the form of the diagnosis: the motions, the measured values, and the coordinates of each value.
 //!
 //! Force series are averaged over short stretches: the holds from their beginning on in stretches that grow with time, the ramps in
-//! stretches of a tenth of a second. Within a hold guide 2 stands at the mean of its readings. Readings far off their
-//! neighbours are skipped; whether they are is judged from the readings alone, never from a model.
+//! stretches of a tenth of a second. Within a hold guide 2 stands at the mean of its readings. Readings far from their
+//! neighbours are skipped, by a criterion that uses the readings alone and no model.
 
 use super::cells::{Cells, cells, held, stood, stretches, travelled};
 use super::misread::step_m;
@@ -34,7 +34,7 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// Every one there is.
+    /// All channels.
     pub const ALL: [Self; 8] = [
         Self::ForceY,
         Self::ForceX,
@@ -69,7 +69,7 @@ impl Channel {
         }
     }
 
-    /// From SI to that unit.
+    /// Factor from SI to that unit.
     pub fn per_si(self) -> f64 {
         match self {
             Self::ForceY | Self::ForceX => 1.0,
@@ -77,7 +77,7 @@ impl Channel {
         }
     }
 
-    /// Whether insertions have it, not lateral runs.
+    /// Whether it belongs to insertions and not to lateral runs.
     pub fn is_of_insertions(self) -> bool {
         matches!(self, Self::TipY | Self::TipX | Self::TipDirectionY | Self::TipDirectionX)
     }
@@ -100,20 +100,20 @@ pub(super) enum Source {
     Shape(usize),
     /// A depth of an insertion.
     Tip(usize),
-    /// The same, of the needle's slope there.
+    /// The needle's slope at a depth of an insertion.
     Direction(usize),
 }
 
 /// Coordinates of a measured number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
-    /// Below the surface; of forces that of the needle.
+    /// Depth below the surface; for forces the depth of the needle.
     pub depth_m: f64,
     /// Displacement of guide 2 along the axis of the run.
     pub level_m: f64,
     /// Sign of the last motion of guide 2.
     pub direction: f64,
-    /// Time since the hold began; nothing on the way.
+    /// Time since the hold began; `None` during a motion.
     pub hold_s: Option<f64>,
     /// Time since the run began.
     pub time_s: f64,
@@ -128,7 +128,7 @@ pub(super) struct Datum {
     pub place: Place,
     /// The hold, or stretch of depth, that it belongs to.
     pub part: usize,
-    /// Number of points of a shape, all at its place, of which it is the mean.
+    /// Number of points of a shape, all at this place, in the mean.
     pub points: usize,
 }
 
@@ -161,14 +161,13 @@ pub(super) struct Run {
     pub cells: Cells,
     /// Standard deviation of an error of the position that all points of its shape share, at each of them.
     pub z_shared_sd_m: Vec<f64>,
-    /// Effect of one standard deviation of each shared error of the deflections, at each point of the shape in each
-    /// plane.
+    /// Effect of each shared error of the deflections, at one standard deviation, on each point of the shape in each plane.
     pub shared_m: Vec<[[f64; SHARED_ERRORS]; 2]>,
-    /// To which its shape is rounded, vertical and horizontal; next to nothing where it is not.
+    /// Rounding step of the shape, vertical and horizontal; nearly zero without rounding.
     pub shape_step_m: [f64; 2],
     /// Speed of an insertion; 0 where it is not recorded.
     pub speed_m_per_s: f64,
-    /// Whether it is of the session that the one under diagnosis is compared with.
+    /// Whether it belongs to the reference session.
     pub is_reference: bool,
 }
 
@@ -185,7 +184,7 @@ const ENOUGH_RESTS: usize = 12;
 const SPEED_CELL_M: f64 = 0.2e-3;
 
 impl Run {
-    /// The same as the run of this number in its session.
+    /// The same run with this number in its session.
     pub fn numbered(mut self, number: f64) -> Self {
         match &mut self.experiment {
             Experiment::Lateral(lateral) => lateral.order = number,
@@ -195,7 +194,7 @@ impl Run {
         self
     }
 
-    /// A lateral run; the reason where it has no hold.
+    /// A lateral run, or the reason for which it cannot be used.
     pub fn lateral(run: &LateralRun, rig: &Rig) -> Result<Self, String> {
         let holds = holds(run, &HoldCriteria::default());
         if holds.is_empty() {
@@ -313,7 +312,7 @@ impl Run {
         })
     }
 
-    /// An insertion; the reason where it is none.
+    /// An insertion, or the reason for which it cannot be used.
     pub fn insertion(run: &InsertionRun) -> Result<Self, String> {
         let path = TipPath::new(run).map_err(|why| format!("{}: {why}", run.path.display()))?;
         let path = at_rest(path);
@@ -367,7 +366,7 @@ impl Run {
         images.nth(lateral.shape.iter().filter(|point| point.image.is_some()).count() / 2)
     }
 
-    /// The same with only some of its parts.
+    /// The same run with only some of its parts.
     pub fn with_parts(&self, keep: impl Fn(usize) -> bool) -> Self {
         let data = self.data.iter().filter(|datum| keep(datum.part)).cloned().collect();
         Self { data, ..self.clone() }
@@ -381,8 +380,8 @@ impl Run {
         }
     }
 
-    /// Whether the needle of an insertion is turned in a part, or guide 2 moved (at rest or over a millimetre): the path has a step or
-    /// a kink there that belongs to the model, not to the noise.
+    /// Whether the needle is turned or guide 2 is moved (at rest or over a millimetre) in a part of an insertion: the path then
+    /// has a step or a kink there that the model explains and that is no noise.
     pub fn turns_in(&self, part: usize) -> bool {
         let Experiment::Insertion(insertion) = &self.experiment else { return false };
         let part_start_m = PART_M * part as f64;
@@ -397,7 +396,7 @@ impl Run {
         })
     }
 
-    /// Places of the readings of each of its parts that has any.
+    /// Indices of the readings of each part that has readings.
     pub fn readings_of_parts(&self) -> Vec<Vec<usize>> {
         let mut places = vec![Vec::new(); self.parts()];
         self.data.iter().enumerate().for_each(|(place, datum)| places[datum.part].push(place));

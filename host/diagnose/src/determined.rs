@@ -1,4 +1,4 @@
-//! Whether a fit determines an effect: its size, its interval, its range.
+//! Criteria for a fit to determine an effect: size, interval and range.
 
 use super::layout::{NORMAL_975, Scale};
 use super::posterior::Fitted;

@@ -1,13 +1,12 @@
-//! Laws that no catalogue holds: every triple of site, regressor and form, weighed as an effect is
-//! (theory, eq. 83).
+//! Laws outside the catalogue: every triple of site, regressor and form, weighted like an effect (theory, eq. 83).
 //!
-//! The grammar ([`mechanics::terms`]) has a few hundred triples. Around the current fit each is scored as an effect of the catalogue is,
-//! a place, a length or a period averaged over a grid, so that no local maximum hides one; the leaders are fitted, and weighed beside the names
-//! ([`super::weights`]).
+//! The grammar ([`mechanics::terms`]) has a few hundred triples. Around the current fit each triple is scored like an effect of
+//! the catalogue. A place, a length or a period is averaged over a grid, so that no local maximum hides a law. The best laws
+//! are fitted, and weighted together with the named effects ([`super::weights`]).
 //!
-//! Against rivals: Brunton et al., "Discovering governing equations from data by sparse identification" (2016); Schmidt and Lipson,
-//! "Distilling free-form natural laws from experimental data" (2009). Here the law sits inside the forward model, not in its residuals, so that
-//! it holds at depths that were never measured.
+//! Related methods: Brunton et al., "Discovering governing equations from data by sparse identification" (2016); Schmidt and
+//! Lipson, "Distilling free-form natural laws from experimental data" (2009). Here the law is part of the forward model and not
+//! of its residuals, so that it extrapolates to depths that were never measured.
 
 use super::evidence::Patterns;
 use super::layout::Prepared;

@@ -1,10 +1,9 @@
-//! Discrepancy of every real rig and tissue from any model: the patterns of the discrepancy and their everyday
-//! sizes.
+//! Discrepancy of real rigs and tissues from any model: its basis functions (patterns) and their typical sizes.
 //!
-//! A pattern is a direction in the data of one unit of a small imperfection. Those of one [`Group`] have amplitudes of one size,
-//! which the evidence finds again for every hypothesis ([`Patterns`]): the plain model needs a large discrepancy, the right effect a
-//! small one. Patterns are made once per session, around the fit of the plain model, and once more around what was found, whose intervals
-//! depend on them.
+//! A pattern is the change of the data by one unit of a small imperfection. The amplitudes of a [`Group`] share one standard
+//! deviation, its size, which maximizes the evidence separately for every hypothesis ([`Patterns`]): the plain model needs a
+//! large discrepancy, the right effect a small one. Patterns are computed once per session, around the fit of the plain model,
+//! and once more around the final model, for its intervals.
 //!
 //! | of | file |
 //! |---|---|
@@ -25,7 +24,7 @@ use nalgebra::DMatrix;
 /// Scope of a group of patterns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Scope {
-    /// Amplitudes of its patterns are the same in all runs.
+    /// All runs share the amplitudes of its patterns.
     Shared,
     /// Every run has amplitudes of its own.
     Own,
@@ -34,13 +33,13 @@ enum Scope {
 /// Cause of a group's imperfections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Cause {
-    /// Tissue, needle and sensors in ways that an effect of the catalogue may have too.
+    /// Imperfections of tissue, needle and sensors like those of the effects in the catalogue.
     Physics,
     /// Mounting of needle and tissue in a session.
     Mounting,
-    /// Differences from run to run: no model predicts it of a run that it has not been fitted to.
+    /// Differences between runs, which no model predicts for a new run.
     Run,
-    /// The instruments alone: zeros, drift, axes, angles, offsets of a run.
+    /// Errors of the instruments alone: zeros, drift, axes, angles, offsets of a run.
     Instrument {
         /// Whether that changes when needle or tissue are remounted.
         mounted: bool,

@@ -4,7 +4,7 @@ use super::results::{FoundEffect, ModulusStatus, RegionResult, Verdict};
 use std::fmt::{self, Display};
 
 impl Verdict {
-    /// Its name, and what it means where the name does not state it.
+    /// The name of the verdict, with an explanation if the name is not sufficient.
     pub fn explained(self) -> &'static str {
         match self {
             Self::Adequate => "adequate: these runs show no missing effect",
@@ -32,7 +32,7 @@ impl Display for RegionResult {
 }
 
 impl ModulusStatus {
-    /// A modulus with its interval, kPa; without a value where the runs identify none.
+    /// A modulus with its interval, kPa; without a value if the runs do not identify it.
     pub fn modulus_text(self, value_kpa: f64, [low_kpa, high_kpa]: [f64; 2]) -> String {
         match self {
             Self::Identified => format!("{value_kpa:.2} kPa ({low_kpa:.2} to {high_kpa:.2})"),
@@ -59,7 +59,7 @@ impl FoundEffect {
         }
     }
 
-    /// Its probability, and that of its class where it is not the only explanation.
+    /// Its probability, and that of its class if it is not the only explanation.
     pub fn probability_in_words(&self) -> String {
         let number = self.class.iter().position(|id| *id == self.id);
         match number.and_then(|number| self.class_probability.get(number)) {
@@ -70,7 +70,7 @@ impl FoundEffect {
         }
     }
 
-    /// Effects that explain the data too, with their probabilities, without itself.
+    /// Other effects that explain the data, with their probabilities.
     pub fn competing_effects(&self) -> Vec<String> {
         let competitors = self.class.iter().zip(&self.class_probability).filter(|(id, _)| **id != self.id);
         competitors.map(|(id, probability)| format!("{id} ({:.0} %)", 100.0 * probability)).collect()

@@ -1,5 +1,5 @@
-//! Draws from the posterior of a diagnosis: over all models that the data leave in question, from the same fits and weights as its
-//! intervals (theory, eq. 66), with the readings that they predict.
+//! Draws from the posterior of a diagnosis over all plausible models, with the same fits and weights as its intervals (theory,
+//! eq. 66), and the readings that they predict.
 //!
 //! A draw first chooses a model by its weight, then the parameters from the normal distribution of its fit. The parameters of an effect
 //! that the model does not have are at their neutral values.
@@ -36,7 +36,7 @@ const MM_PER_M: f64 = 1e3;
 pub(super) struct Deviations<'a> {
     pub options: DrawOptions,
     pub models: Vec<(f64, &'a Fitted)>,
-    /// Model of each draw: the number of its model.
+    /// Number of each draw's model.
     pub picks: Vec<usize>,
     pub deviations: Vec<DVector<f64>>,
 }
@@ -74,7 +74,8 @@ impl<'a> Deviations<'a> {
             .collect()
     }
 
-    /// First parameter of every draw, the logarithm of the modulus, as its distance from the fit in standard deviations.
+    /// First parameter of every draw, the logarithm of the modulus, standardized with the mean and standard deviation of the
+    /// fit.
     pub fn standard_ln_modulus(&self) -> Vec<f64> {
         self.picks
             .iter()
@@ -86,7 +87,7 @@ impl<'a> Deviations<'a> {
             .collect()
     }
 
-    /// Adds the parameters of an effect under the names of their units.
+    /// Adds the parameters of an effect under their names, which state the units.
     pub fn add_effect(&self, effect: &dyn Effect, draws: &mut Draws) {
         for (number, info) in effect.parameters().iter().enumerate() {
             let mut random = Random::new(self.options.seed, APART);
@@ -101,7 +102,7 @@ impl<'a> Deviations<'a> {
         }
     }
 
-    /// Adds what is stated of the rig and was found within its tolerance.
+    /// Adds the stated positions of the rig that are estimated within a tolerance.
     pub fn add_stated(&self, own: &Fitted, draws: &mut Draws) {
         for place in own.layout.stated() {
             let values = self.of(APART, |fitted| {
@@ -229,7 +230,7 @@ impl Linear {
 /// Sources of draws beside the fits.
 pub(super) struct Sources<'a> {
     pub averaged: &'a Averaged,
-    /// Models on the foundation that was not chosen.
+    /// Models on the other foundation.
     pub beside: &'a [Beside],
     /// K of the models of a body.
     pub on_springs: &'a OnSprings,
@@ -238,7 +239,7 @@ pub(super) struct Sources<'a> {
 }
 
 impl Sources<'_> {
-    /// Draws of what a diagnosis states.
+    /// Draws of the results of a diagnosis.
     ///
     /// # Errors
     /// [`FitError`] where a model cannot be evaluated.

@@ -1,7 +1,6 @@
-//! Expected diagnosis of a session, if the truth were known: whether an effect can be distinguished from competing ones
-//! is computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the
-//! fits of all effects to them give the expected gain of chi-square and the expected log evidence over the nearest
-//! competing effect.
+//! Expected diagnosis of a session under a known truth: whether an effect can be distinguished from competing ones, independent
+//! of a random outcome. The noise-free predictions of the truth replace the readings. The fits of all effects to them give the
+//! expected gain of chi-square and the expected log evidence over the nearest competing effect.
 
 use super::layout::Layout;
 use super::noise::Noise;
@@ -24,16 +23,16 @@ pub struct Truth<'a> {
     pub values: &'a [f64],
     /// Foundation modulus.
     pub modulus_pa: f64,
-    /// Lateral load that the bevel takes at the tip.
+    /// Lateral load on the bevel of the tip.
     pub tip_load_n: f64,
 }
 
 /// Expected result of the diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
-    /// Gain of chi-square over the plain model, beside the stated tolerances of a rig.
+    /// Gain of chi-square over the plain model, with the rig's stated tolerances in both.
     pub gain: f64,
-    /// Log evidence over the nearest competing effect; no effect at all competes too.
+    /// Log evidence over the nearest competitor, which may be the model without an effect.
     pub apart: f64,
     /// The nearest competing effect.
     pub competitor: Option<String>,

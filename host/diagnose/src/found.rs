@@ -1,4 +1,4 @@
-//! Result of a search: effects tried beside a model, what was added to it, and what else may be in its place.
+//! Result of a search: the effects that were tried, those that were added to the model, and their alternatives.
 
 use super::Multiples;
 use super::discrepancy::patterns;
@@ -13,11 +13,11 @@ use mechanics::effects::Effect;
 #[derive(Debug, Clone)]
 pub(super) struct Candidate {
     pub score: Score,
-    /// The fit with it, and its log evidence over the fit without; nothing where it was not fitted.
+    /// The fit with it, and its log evidence over the fit without it; `None` if it was not fitted.
     pub refit: Option<(Fitted, f64)>,
-    /// Logarithm of the odds of the model with it over the same without it; minus infinity where it was not fitted.
+    /// Logarithm of the odds of the model with it over the model without it; minus infinity if it was not fitted.
     pub ln_odds: f64,
-    /// Whether it can be what is missing.
+    /// Whether it can be the missing effect.
     pub standing: Standing,
 }
 
@@ -26,15 +26,15 @@ pub(super) struct Candidate {
 pub(super) enum Standing {
     /// It can.
     Possible,
-    /// It is at the end of its range or too small to matter, or the misfit of what was held out grows with it.
+    /// It is at the end of its range, too small to matter, or increases the misfit of the held-out runs.
     Refused,
-    /// Another one predicts what was held out better, beyond chance.
+    /// Another effect predicts the held-out runs significantly better.
     Refuted,
 }
 
 impl Standing {
-    /// Logarithm of the odds that all candidates of this standing have together at most, over the model that was taken: even where what was
-    /// held out speaks against them, those of what is not stated where it refutes them.
+    /// Upper bound of the log odds that all candidates of this standing together have over the chosen model: 0 for refused
+    /// ones, and for refuted ones the log odds of the probability that is not stated.
     pub fn most_ln_odds(self) -> f64 {
         match self {
             Self::Possible => f64::INFINITY,
@@ -49,7 +49,7 @@ impl Candidate {
         self.score.effect.id()
     }
 
-    /// The same, or what the fit promises where it has not come to its end.
+    /// Log evidence of the fit, or its expected value at convergence if the fit has not converged.
     pub fn promised_gain(&self) -> f64 {
         let promised = |(fitted, gain): &(Fitted, f64)| gain + fitted.worth() - fitted.log_evidence;
         self.refit.as_ref().map_or(f64::NEG_INFINITY, promised)
@@ -64,22 +64,22 @@ impl Candidate {
 /// One effect that was added to the model.
 #[derive(Debug, Clone)]
 pub(super) struct Member {
-    /// Its number among the effects of the fit that it is a member of.
+    /// Index of the effect in its fit.
     pub index: usize,
     /// Log evidence over the model without it.
     pub gain: f64,
-    /// Logarithm of the odds that something is missing in its place, whatever it is.
+    /// Logarithm of the odds that some effect is missing in its place.
     pub ln_odds: f64,
     /// The fit without it.
     pub without: Fitted,
-    /// Alternatives in its place, likeliest first: the smallest set with the stated probability; itself among them.
+    /// The class: the smallest set of explanations with the stated probability, itself among them, most probable first.
     pub class: Vec<Explanation>,
-    /// Whether the other foundation alone explains what it does, so that it is not missing with the stated probability.
+    /// Whether the other foundation explains the data without it, so that it is not missing with the stated probability.
     pub is_needless_elsewhere: bool,
 }
 
 impl Member {
-    /// Puts the effect itself into its class where only models that cannot be stated in turn have refuted it.
+    /// Keeps the effect itself in its class if the only models that refuted it cannot be stated themselves.
     pub fn keep_own(&mut self, fitted: &Fitted, prior: &ModelPrior) {
         let Some(effect) = fitted.layout.effects.get(self.index).copied() else { return };
         if self.class.iter().all(|one| one.effect.id() != effect.id()) {
@@ -89,7 +89,7 @@ impl Member {
         }
     }
 
-    /// Whether nothing else may be in its place.
+    /// Whether it has no alternative.
     pub fn is_the_only_explanation(&self) -> bool {
         self.class.len() == 1 && !self.is_needless_elsewhere
     }
@@ -100,7 +100,7 @@ impl Member {
 pub(super) struct Explanation {
     pub effect: &'static dyn Effect,
     pub fitted: Fitted,
-    /// Logarithm of the odds of the model with it over the same without it.
+    /// Logarithm of the odds of the model with it over the model without it.
     pub ln_odds: f64,
 }
 
@@ -110,11 +110,11 @@ pub(super) struct Found {
     pub fitted: Fitted,
     /// The effects of this fit that were added.
     pub members: Vec<Member>,
-    /// The model with laws that describe a part of what is missing, where something is left beside them.
+    /// The model with laws that describe the misfit in part, if a misfit remains.
     pub described: Option<Fitted>,
-    /// All effects beside the starting model, names before laws.
+    /// All effects scored around the starting model, named effects before laws.
     pub first: Vec<Candidate>,
-    /// All effects beside the last model to which none of them was added; empty where the search ended otherwise.
+    /// All effects scored around the last model, to which none was added; empty if the search ended otherwise.
     pub last: Vec<Candidate>,
     pub prior: ModelPrior,
 }
@@ -124,14 +124,14 @@ const LAST_ROUNDS: usize = 8;
 pub(super) const NEAR_SD: f64 = 6.0;
 
 impl Found {
-    /// The laws that describe a part of what is missing.
+    /// The laws that describe the misfit in part.
     pub fn descriptions(&self) -> impl Iterator<Item = &'static dyn Effect> {
         let layout = self.described.iter().map(|fitted| &fitted.layout);
         let effects = layout.flat_map(|layout| layout.effects.iter().skip(layout.given).copied());
         effects.filter(|effect| effect.is_unnamed())
     }
 
-    /// The models that were fitted around what was found, with the logarithms of their odds over it: itself, and those with one effect more.
+    /// The final model and those with one more effect, with the logarithms of their odds over the final model.
     pub fn with_neighbours(&self) -> Vec<(f64, &Fitted)> {
         let candidates = if self.members.is_empty() { &self.first } else { &self.last };
         let in_range = candidates.iter().filter_map(|candidate| {
@@ -150,9 +150,9 @@ impl Found {
         std::iter::once((0.0, &self.fitted)).chain(described).chain(neighbours).collect()
     }
 
-    /// The same with the discrepancy's patterns made around what was found: those of the start are of a model that lacks it. The evidence
-    /// stays that of the search, in which all hypotheses have the same patterns. As every step of the search, this one must leave the misfit
-    /// of what was held out smaller than the start does.
+    /// The same result with the discrepancy's patterns computed around the final model, because those of the start belong to a
+    /// model without the effects. The evidence is kept from the search, in which all hypotheses have the same patterns. Like
+    /// every step of the search, this one has to reduce the misfit of the held-out runs compared with the start.
     pub fn around_itself(mut self, start: &Start, judge: &Judge, multiples: &Multiples) -> Self {
         if self.members.is_empty() {
             return self;

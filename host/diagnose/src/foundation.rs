@@ -52,15 +52,15 @@ impl From<Option<FoundationKind>> for FoundationChoice {
     }
 }
 
-/// A modulus from a fit in which the model is off by what every rig leaves behind any model.
+/// A modulus from a fit with the discrepancy of a real rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiscrepantModulus {
     /// Logarithm of the modulus in Pa: K of springs, E of a body.
     pub ln_pa: f64,
     /// Its standard deviation, noise and discrepancy together.
     pub sd_ln: f64,
-    /// Statement about the rig on which it depends most, and the fraction of its variance that would vanish if that
-    /// were exactly known.
+    /// The stated quantity that contributes most to its variance, and the fraction of the variance that would vanish if that
+    /// quantity were exactly known.
     pub rests_on: Option<(&'static str, f64)>,
 }
 
@@ -82,17 +82,17 @@ pub struct FoundationEvidence {
     pub margin: f64,
     /// Young's modulus of the body.
     pub body: DiscrepantModulus,
-    /// Logarithm of the evidence of a modulus that varies with depth, on springs or in a body, less that of the better of the two with
-    /// one modulus; 0 where it promises less than [`VARIED_NATS`].
+    /// Log evidence of a modulus that varies with depth, on springs or in a body, over the better of the two with one modulus;
+    /// 0 if the expected gain is below [`VARIED_NATS`].
     pub varied: f64,
 }
 
-/// Log evidence by which a body has to be ahead of springs.
+/// Log evidence over springs from which on a body is chosen.
 pub const FOUNDATION_MARGIN: f64 = 2.0;
 /// Effects by which the modulus may vary with depth.
 pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
-/// Log evidence by which such a modulus makes the choice of one modulus void: odds of 75 for each of two ways to vary that together are as
-/// likely beforehand as one modulus.
+/// Log evidence of a varying modulus from which on the choice between the foundations with one modulus is invalid: odds of 75
+/// for each of two forms of variation, which together have the prior probability of one modulus.
 pub const VARIED_NATS: f64 = 5.0;
 /// Rounds of its fit.
 const VARIED_ROUNDS: usize = 8;
@@ -106,22 +106,22 @@ impl FoundationEvidence {
 
 /// Input of [`fit_with_discrepancy`].
 pub struct DiscrepancyFitInput<'a> {
-    /// Effects with first values of their parameters.
+    /// Effects with the start values of their parameters.
     pub given: &'a [(&'static dyn Effect, Vec<f64>)],
-    /// Knowledge of their parameters, in place of the catalogue's priors.
+    /// Priors of their parameters that replace those of the catalogue.
     pub known: &'a [KnownParameter],
-    /// Sizes of the discrepancy above those of an ordinary rig.
+    /// Sizes of the discrepancy relative to an ordinary rig, where they are larger.
     pub discrepancy: &'a Multiples,
     /// Poisson's ratio of a body to be compared with springs.
     pub body: Option<f64>,
-    /// Draws from both posteriors.
+    /// Settings of the draws from both posteriors.
     pub draws: Option<DrawOptions>,
 }
 
 /// Draws from the posterior of a modulus.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModulusDraws {
-    /// Its logarithm, as the distance from the value in standard deviations.
+    /// Standardized logarithm of the modulus.
     pub standard_ln: Vec<f64>,
     /// Parameters of the effects, priors and readings.
     pub draws: Draws,
@@ -147,17 +147,17 @@ pub struct DiscrepancyFit {
     pub springs: DiscrepantModulus,
     /// In a body, where it was requested.
     pub body: Option<Result<FoundationEvidence, DiagnoseError>>,
-    /// Known parameters that have changed.
+    /// Parameters that have changed from their known values.
     pub moved: Vec<Moved>,
     /// Draws on springs and, where it was fitted, in a body.
     pub draws: Option<(ModulusDraws, Option<ModulusDraws>)>,
 }
 
-/// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy. Knowledge that
-/// the runs contradict is released.
+/// Fits springs, and a body if requested, to all runs of a session with the discrepancy. Known parameters that the runs
+/// contradict become free.
 ///
 /// # Errors
-/// [`DiagnoseError`] where no run can be used or springs have no fit; beside the springs where the body has none.
+/// [`DiagnoseError`] if no run can be used or springs have no fit. The error of a body without a fit is in the result.
 pub fn fit_with_discrepancy(
     session: &Session,
     input: &DiscrepancyFitInput<'_>,

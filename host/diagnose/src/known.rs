@@ -1,4 +1,4 @@
-//! Knowledge of a rig from elsewhere: values of parameters with their standard deviations, and whether they have moved
+//! Parameters of a rig that are known from elsewhere, with their standard deviations, and the test of whether they have changed
 //! since.
 
 use super::DiagnoseError;
@@ -21,7 +21,7 @@ const MIN_SHARE: f64 = 0.05;
 /// A parameter is held by this share of its standard deviation.
 const HELD: f64 = 1e-3;
 
-/// A parameter of an effect that is known, in the unit of its name.
+/// A known parameter of an effect, in the unit of its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownParameter {
     /// Id of the effect.
@@ -35,7 +35,7 @@ pub struct KnownParameter {
 }
 
 impl KnownParameter {
-    /// All that a file states with an interval: that of a normal distribution.
+    /// All parameters that a file states with an interval, which is taken as that of a normal distribution.
     pub fn of_model(model: &ModelFile) -> Vec<Self> {
         let mut known_parameters = Vec::new();
         for learned in &model.effects {
@@ -55,7 +55,7 @@ impl KnownParameter {
         known_parameters
     }
 
-    /// Takes what is known of a rig into the effects of a model; values that are there already stay.
+    /// Adds the known parameters of a rig to the effects of a model. Values that were stated before are kept.
     pub fn take(effects: &mut Vec<(&'static dyn Effect, Vec<f64>)>, known: &mut Vec<Self>, rig: &ModelFile) {
         for (effect, values) in rig.effects() {
             if effects.iter().all(|(own, _)| own.id() != effect.id()) {
@@ -91,7 +91,7 @@ impl KnownParameter {
     }
 }
 
-/// A parameter that is not what it was.
+/// A parameter that has changed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Moved {
     /// Id of the effect.
@@ -133,7 +133,7 @@ pub fn moved_since(known: &[KnownParameter], found: &Characterisation) -> Vec<Mo
 pub(super) struct Released {
     /// The fit.
     pub start: Start,
-    /// The model before the change was known, where the runs contradict something.
+    /// The model with the known values, if the runs contradict them.
     pub as_known: Option<AsKnown>,
     /// Changed parameters, the clearest change first.
     pub moved: Vec<Moved>,
@@ -147,7 +147,7 @@ pub(super) struct AsKnown {
 }
 
 impl AsKnown {
-    /// On the foundation of another start. No misfit is explained by what the held parameters could be.
+    /// The same on the foundation of another start. The fixed parameters explain none of its misfit.
     pub fn beside(self, other: &Start) -> Result<Start, FitError> {
         let support = other.fitted.layout.support;
         let is_there = self.start.fitted.layout.support == support;

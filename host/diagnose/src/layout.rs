@@ -1,9 +1,10 @@
-//! The state of the workflow: which parameters are unknown, and the model that their values make.
+//! Layout of the unknown parameters, and the model for their values.
 //!
-//! Unknown in every session: the modulus; with insertions the tip load, and, where there are lateral runs too, how far the modulus
-//! of an insertion is from that of a lateral run; with one guide, where the needle is pushed by hand, the horizontal load and the gap to the surface
-//! too; where the needle turns in a way that is not known at its rear, how far; beside a reference, the ratio of the moduli. Then the parameters of the effects in the model. Inside the fits a ratio, a place or a time is
-//! its logarithm, everything else itself ([`Scale`]).
+//! Unknown in every session: the modulus; with insertions the tip load, and, if there are lateral runs too, the ratio of the
+//! modulus of an insertion to that of a lateral run; with a single guide, when the needle is pushed by hand, the horizontal
+//! load and the gap to the surface; if the rotation of the needle at its rear is unknown, its compliance; with a reference, the
+//! ratio of the moduli. The parameters of the effects in the model follow. Inside the fits a ratio, a place or a time is
+//! represented by its logarithm, any other parameter by itself ([`Scale`]).
 
 mod heavy_tailed;
 
@@ -73,22 +74,23 @@ pub(super) fn prior(info: &ParameterInfo) -> Prior {
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     pub rig: Rig,
-    /// The rig of the reference, where there is one. Its runs have the same needle, tissue but for the modulus, and tip.
+    /// The rig of the reference, if there is one. Its runs have the same needle, the same tip, and the same tissue except for
+    /// the modulus.
     pub reference: Option<Rig>,
-    /// Number of the effects, first in the list, that the reference has too.
+    /// Number of effects, at the beginning of the list, that the reference has too.
     pub given: usize,
     /// Support of the needle by the tissue; the modulus is K of springs, or E of a body.
     pub support: Support,
     /// Whether there are lateral runs and insertions.
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
-    /// Whether guide 2 and the surface are exactly where they are stated to be.
+    /// Whether the stated positions of guide 2 and the surface are exact.
     pub stated_is_exact: bool,
-    /// Knowledge of their parameters from elsewhere, in place of the catalogue's priors.
+    /// Priors of their parameters from elsewhere, which replace those of the catalogue.
     pub known: Arc<[KnownParameter]>,
-    /// Whether it is known of any shape how it was imaged.
+    /// Whether the imaging of any shape is known.
     pub has_images: bool,
-    /// Depths of the readings of every insertion, in order.
+    /// Depths of the readings of every insertion, in ascending order.
     pub readings_m: Arc<Vec<Vec<f64>>>,
     /// Needles that were solved recently.
     pub cache: Arc<Cache>,
@@ -113,7 +115,7 @@ struct Places {
 }
 
 impl Layout {
-    /// On springs, without a reference, for runs of a rig.
+    /// Layout on springs, without a reference, for runs of a rig.
     pub fn new(rig: &Rig, runs: &[Run], effects: Vec<&'static dyn Effect>) -> Self {
         Self {
             rig: rig.clone(),
@@ -132,7 +134,8 @@ impl Layout {
         }
     }
 
-    /// Distance of the readings around a depth of an insertion, where they are closest; nothing outside of all of them.
+    /// Spacing of the readings around a depth, in the insertion in which it is smallest; `None` outside the range of all
+    /// insertions.
     pub fn spacing_m(&self, depth_m: f64) -> Option<f64> {
         self.readings_m
             .iter()
@@ -143,26 +146,27 @@ impl Layout {
             .reduce(f64::min)
     }
 
-    /// Whether the effects are the same, in whatever order.
+    /// Whether the effects are the same, in any order.
     pub fn has_effects_of(&self, other: &Self) -> bool {
         self.effects.len() == other.effects.len()
             && other.effects.iter().all(|effect| self.effects.iter().any(|own| own.id() == effect.id()))
     }
 
-    /// Place of an effect among those of the model.
+    /// Index of an effect among those of the model.
     pub fn index_of(&self, effect: &dyn Effect) -> Option<usize> {
         self.effects.iter().position(|own| own.id() == effect.id())
     }
 
-    /// With one effect more.
+    /// The layout with one more effect.
     pub fn with(&self, effect: &'static dyn Effect) -> Self {
         let mut effects = self.effects.clone();
         effects.push(effect);
         Self { effects, ..self.clone() }
     }
 
-    /// Whether an effect can be added to the model of this rig, with these data. An unknown rear, the direction of the bevel in a hand, and what is
-    /// stated of guide 2 and the surface are parameters of their own.
+    /// Whether an effect can be added to the model of this rig, with these data. Effects of an unknown rear, of the direction
+    /// of the bevel in a hand, and of the positions of guide 2 and the surface are excluded if they have parameters of their
+    /// own.
     pub fn is_applicable(&self, effect: &dyn Effect) -> bool {
         let is_parameter = match effect.id() {
             "rig.rear_rotation" => self.rig.rear_is_unknown(),
@@ -174,18 +178,18 @@ impl Layout {
         effect.applies_to(&self.rig) && is_observable && !is_parameter
     }
 
-    /// Place of the vertical tip load, where there are insertions.
+    /// Index of the vertical tip load, if there are insertions.
     pub fn load(&self) -> Option<usize> {
         self.places().load
     }
 
-    /// Tip load, N, and its standard deviation, of values with a covariance; nothing without insertions.
+    /// Tip load, N, and its standard deviation, for values with a covariance; `None` without insertions.
     pub fn tip_load_n(&self, values: &[f64], covariance: &DMatrix<f64>) -> Option<(f64, f64)> {
         let (value, slopes) = self.tip_load_slopes(values)?;
         Some((value, slopes.dot(&(covariance * &slopes)).max(0.0).sqrt()))
     }
 
-    /// Tip load, N, and its slopes along the parameters; nothing without insertions.
+    /// Tip load, N, and its derivatives with respect to the parameters; `None` without insertions.
     pub fn tip_load_slopes(&self, values: &[f64]) -> Option<(f64, DVector<f64>)> {
         let Places { load, across, .. } = self.places();
         let load = load?;
@@ -201,14 +205,14 @@ impl Layout {
         Some((size_n, slopes))
     }
 
-    /// With one effect less.
+    /// The layout with one effect less.
     pub fn without(&self, index: usize) -> Self {
         let mut effects = self.effects.clone();
         effects.remove(index);
         Self { effects, ..self.clone() }
     }
 
-    /// Number of parameters that are no effect's.
+    /// Number of parameters that belong to no effect.
     pub fn own(&self) -> usize {
         let Places { load, across, apart, rear, gap, ratio, guide2, entry } = self.places();
         let own_parameters = [load, across, apart, rear[0], rear[1], gap[0], gap[1], ratio, guide2, entry];
@@ -251,8 +255,8 @@ impl Layout {
         Places { load, across: cross_load, apart: insertion, rear, gap, ratio, guide2, entry }
     }
 
-    /// Logarithm of the density of the heavy-tailed priors at these values over that of the normal ones which stand for them in a fit
-    /// that ends there.
+    /// Log density of the heavy-tailed priors at these values, less that of the normal priors that approximate them in a fit
+    /// which ends there.
     pub fn ln_prior_over_normal(&self, values: &[f64]) -> f64 {
         let parameters = self.heavy_tailed().into_iter();
         parameters
@@ -260,7 +264,7 @@ impl Layout {
             .sum()
     }
 
-    /// Parameters whose priors have heavy tails: statements about the rig, and sizes of effects that nothing is known of.
+    /// Parameters whose priors have heavy tails: stated positions of the rig, and effect sizes without other knowledge.
     pub fn heavy_tailed(&self) -> Vec<HeavyTailedParameter> {
         let mut parameters: Vec<HeavyTailedParameter> =
             self.stated().map(HeavyTailedParameter::of_place).collect();
@@ -279,7 +283,7 @@ impl Layout {
         parameters
     }
 
-    /// Statements about the rig that are unknown within a tolerance.
+    /// Stated positions of the rig that are uncertain within a tolerance.
     pub fn stated(&self) -> impl Iterator<Item = StatedPlace> {
         let Places { guide2, entry, .. } = self.places();
         let tolerances = self.rig.tolerances;
@@ -292,12 +296,12 @@ impl Layout {
         })
     }
 
-    /// Ratio of the modulus to that of the reference, as parameter: its logarithm.
+    /// Index of the logarithm of the modulus ratio to the reference.
     pub fn ratio(&self) -> Option<usize> {
         self.places().ratio
     }
 
-    /// Position of an effect's first parameter.
+    /// Index of an effect's first parameter.
     pub fn first_of(&self, index: usize) -> usize {
         self.own() + self.effects[..index].iter().map(|effect| effect.parameters().len()).sum::<usize>()
     }
@@ -350,7 +354,7 @@ impl Layout {
         parameters
     }
 
-    /// Start of a fit without a former one.
+    /// Start values of a first fit.
     pub fn first_values(&self) -> Vec<f64> {
         let mut values = vec![0.0; self.own()];
         let Places { load, rear, .. } = self.places();
@@ -362,8 +366,8 @@ impl Layout {
         values
     }
 
-    /// Places from which the first fits start. The modulus from insertions by hand depends on how the rear is held and how far the
-    /// surface is, and has more than one end.
+    /// Start values of the first fits. The modulus from insertions by hand depends on the clamping of the rear and the distance
+    /// of the surface, and has several local optima.
     pub fn starts(&self, first: &[f64]) -> Vec<Vec<f64>> {
         if !(self.kinds[1] && self.rig.has_one_guide()) {
             return vec![first.to_vec()];
@@ -394,7 +398,7 @@ impl Layout {
         effects.collect()
     }
 
-    /// The model of these values for a kind of run.
+    /// The model with these values for a kind of run.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] where a value is impossible.
@@ -402,7 +406,7 @@ impl Layout {
         self.model_of(values, kind, false)
     }
 
-    /// The model of these values for a run, which may be one of the reference.
+    /// The model with these values for a run, which may belong to the reference.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] where a value is impossible.
@@ -488,7 +492,7 @@ pub(super) struct Prepared {
 }
 
 impl Prepared {
-    /// Independent residuals of unit variance under a model.
+    /// Whitened residuals under a model.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.

@@ -1,4 +1,4 @@
-//! A fit as a model file has it.
+//! Conversion of a fit to a model file.
 
 use super::posterior::Fitted;
 use formats::model_file::{LearnedEffect, ModelFile};

@@ -1,38 +1,39 @@
-//! The discrepancy workflow: where model and measurement disagree, which effect is missing, and what adding it is worth.
+//! The discrepancy workflow: regions in which model and measurement disagree, the missing effect, and the improvement by adding
+//! it.
 //!
 //! | step | file |
 //! |---|---|
-//! | runs as numbers with their places, and how guide 2 moved | `data`, `cells`, `course` |
-//! | split: what is learned from, what judges | `split` |
+//! | runs as values with coordinates, and the trajectory of guide 2 | `data`, `cells`, `course` |
+//! | split into training and held-out data | `split` |
 //! | noise, and residuals made independent | `noise`, `whiten` |
-//! | what is unknown | `layout` |
+//! | the unknown parameters | `layout` |
 //! | the starting model, fitted | `start` |
-//! | discrepancy that every rig has from any model | `discrepancy` |
+//! | discrepancy of real rigs from any model | `discrepancy` |
 //! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
-//! | where it disagrees, and whether at all | `adequacy` |
+//! | adequacy, and regions of disagreement | `adequacy` |
 //! | springs or an elastic body | `choice` |
 //! | score every effect, margin by bootstrap | `score` |
 //! | the same for statistics over many sessions | `linearise` |
-//! | what is stated of the rig and is not so | `stated` |
+//! | stated positions of the rig that the runs exclude | `stated` |
 //! | the rig alone, from runs in air; parameters that have changed since | `characterize`, `known` |
 //! | refit, accept, add, repeat; competing effects | `search` |
-//! | probabilities of models, and what is stated for sure | `weights` |
-//! | what it found, and what else may be in its place | `found` |
+//! | probabilities of models, and the probability of a statement | `weights` |
+//! | the result of the search, with alternatives | `found` |
 //! | laws that no effect of the catalogue describes | `discover` |
-//! | what would distinguish competing effects | `next` |
-//! | before and after on what was held out | `split` |
-//! | what remains, and whether it matters | `remaining` |
+//! | the measurement that distinguishes competing effects | `next` |
+//! | misfit of held-out data before and after | `split` |
+//! | the remaining misfit and its relevance | `remaining` |
 //! | intervals over all members of a class | `averaged` |
 //! | the result | `report`, `results` |
 //! | draws from its posterior, for other programs | `draws` |
-//! | what runs that were not made yet would tell | `prospects` |
-//! | what a session could show, before it is asked | `check` |
-//! | what the walls of the tissue do to E | `walls` |
+//! | expected information of planned runs | `prospects` |
+//! | sensitivity of a session before its diagnosis | `check` |
+//! | effect of the tissue's walls on E | `walls` |
 //! | effects switched on and off by a person | `workbench` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan
-//! statistics, optimal discriminating designs. The crate adds the loop, with names, abstention and a proof on runs that
-//! no fit has used.
+//! statistics, optimal discriminating designs. The crate adds the loop over them, with named effects, abstention, and a test on
+//! held-out runs.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -130,10 +131,10 @@ use workflow::workflow;
 /// Choices of the user.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Effects of the model to start from, with first values of their parameters.
+    /// Effects of the starting model, with the start values of their parameters.
     pub given: Vec<(&'static dyn Effect, Vec<f64>)>,
-    /// Knowledge of the parameters of these effects, in place of the catalogue's priors; knowledge that contradicts the
-    /// runs is released.
+    /// Priors of the parameters of these effects that replace those of the catalogue. Parameters whose prior the runs
+    /// contradict become free.
     pub known: Vec<KnownParameter>,
     /// Seed of the bootstraps.
     pub seed: u64,
@@ -141,17 +142,18 @@ pub struct Options {
     pub foundation: FoundationChoice,
     /// Poisson's ratio of the tissue where it is a body, 0 to 0.5.
     pub poisson: f64,
-    /// Sizes of the discrepancy above those of an ordinary rig, as multiples, by the names of a model file.
+    /// Sizes of the discrepancy as multiples of those of an ordinary rig, where they are larger, under the names of a model
+    /// file.
     pub discrepancy: Multiples,
-    /// Whether laws are searched for that no effect of the catalogue is.
+    /// Whether laws outside the catalogue are searched for.
     pub discovery: bool,
-    /// Effects that the search takes as unknown to anyone.
+    /// Effects that the search excludes, as if they were not in the catalogue.
     pub left_out: Vec<&'static str>,
     /// Draws from the posterior beside the result.
     pub draws: Option<DrawOptions>,
-    /// Runs that could be made next: the result states what each would tell.
+    /// Runs that could be made next; the result has the expected information of each.
     pub plans: Vec<LateralPlan>,
-    /// The session to compare with: what it determines is carried over, and what differs from it is searched for.
+    /// The reference session: its estimates are carried over, and the search looks for differences from it.
     pub reference: Option<Session>,
 }
 
@@ -177,7 +179,8 @@ impl Default for Options {
 }
 
 impl Options {
-    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
+    /// Adds the characterized rig (`guide characterize`): its effects with their intervals. Values that were stated before are
+    /// kept.
     #[must_use]
     pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
         if let Some(rig) = rig {
@@ -222,8 +225,8 @@ pub fn diagnose(
     workflow(session, options, on_progress, |_| Ok(())).map(|(found, ())| found)
 }
 
-/// Diagnoses a session, and linearises its likelihood in every effect of the catalogue around the model that it starts from: what
-/// statistics over many sessions need of each.
+/// Diagnoses a session, and linearises its likelihood in every effect of the catalogue around the starting model, for
+/// statistics over many sessions.
 ///
 /// # Errors
 /// As [`diagnose`].
@@ -240,9 +243,9 @@ pub fn diagnose_and_linearise(
 pub struct DataSplit {
     /// Runs that can be used.
     pub used: Vec<String>,
-    /// Why others cannot.
+    /// Runs that cannot be used, with the reasons.
     pub skipped: Vec<String>,
-    /// Runs of which something, or all, is held out; without any nothing is ever named.
+    /// Runs that are held out, in part or entirely; without any, no effect is ever named.
     pub held_out: Vec<String>,
     /// The rule of the split.
     pub rule: String,

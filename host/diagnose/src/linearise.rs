@@ -1,9 +1,10 @@
-//! A session's likelihood of every effect, linearised around its model without effects: what statistics over many sessions add up
-//! (theory, eq. 63).
+//! A session's log likelihood in every effect, to second order around its model without effects; statistics over many sessions
+//! add these up (theory, eq. 63).
 //!
 //! With `t` the parameters of effects inside the fits, counted from their neutral values, the session's likelihood is
-//! `ln p(data | t) - ln p(data | 0) = b^T t - t^T G t / 2`: noise and discrepancy are in the metric, the modulus and the other parameters
-//! of the model are eliminated. `b` and `G` of independent sessions add up. Their fitted logarithm of the modulus moves by `m^T t`.
+//! `ln p(data | t) - ln p(data | 0) = b^T t - t^T G t / 2`: the metric includes noise and discrepancy, and the modulus and the
+//! other parameters of the model are eliminated. `b` and `G` of independent sessions add up. The fitted logarithm of the
+//! modulus changes by `m^T t`.
 
 use super::layout::Scale;
 use super::posterior::Fitted;
@@ -19,9 +20,9 @@ const PER_MILLE: f64 = 1000.0;
 /// Scale of a parameter inside the fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScaleKind {
-    /// As it is.
+    /// Linear.
     Linear,
-    /// By its logarithm.
+    /// Logarithmic.
     Log,
 }
 
@@ -56,7 +57,7 @@ pub struct Linearisation {
     pub amplitudes: Vec<EffectAmplitude>,
     /// Correlations `G_ij / sqrt(G_ii G_jj)` in thousandths, row by row below the diagonal.
     pub correlation_per_mille: Vec<i16>,
-    /// Log evidence of every effect over the model without it, by its score.
+    /// Log evidence of every effect over the model without it, from its score.
     pub log_evidence: Vec<(&'static str, f64)>,
     /// Size of the discrepancy's groups, as multiples of those of an ordinary rig.
     pub discrepancy: Vec<(&'static str, f64)>,

@@ -1,4 +1,4 @@
-//! Points of a sweep that were misread, and the step to which a sweep is rounded.
+//! Outliers of a sweep, and its rounding step.
 
 use nalgebra::{DMatrix, DVector};
 use readings::outliers::farthest;

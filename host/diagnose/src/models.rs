@@ -1,4 +1,4 @@
-//! The models of a file that `guide diagnose` wrote: the one that was found, and others that explain the same runs.
+//! The models of a file that `guide diagnose` wrote: the final one, and others that explain the same runs.
 
 use formats::model_file::ModelFile;
 use mechanics::effects::Effect;
@@ -6,10 +6,10 @@ use mechanics::effects::Effect;
 /// Effects with the values of their parameters.
 pub type Effects = Vec<(&'static dyn Effect, Vec<f64>)>;
 
-/// Another model that explains what a model was learned from.
+/// Another model that explains the same runs.
 #[derive(Debug, Clone)]
 pub struct OtherModel {
-    /// Its probability; what those of all others leave is that of the model itself.
+    /// Its probability. The model itself has the remainder to 1.
     pub probability: f64,
     /// Its effects with the values of their parameters.
     pub effects: Effects,
@@ -17,7 +17,7 @@ pub struct OtherModel {
     pub modulus_pa: Option<[f64; 2]>,
 }
 
-/// The effects of a model, and its alternatives; effects that are there already stay, in all of them.
+/// The effects of a model and of its alternatives. Effects that were stated before are kept, in all models.
 pub fn of_file(stated: &Effects, model: &ModelFile) -> (Effects, Vec<OtherModel>) {
     let other_models = model.alternatives.iter().map(|other| OtherModel {
         probability: other.probability,

@@ -1,9 +1,8 @@
-//! The next measurement: of a menu, the one that separates the members of a class best
-//! (theory, eq. 69).
+//! The next measurement: the one in a menu that separates the members of a class best (theory, eq. 69).
 //!
-//! For every measurement and every two members the difference of their predictions, over the noise, less what the second one's
-//! parameters could still do about it given what the session has determined of them: the expected divergence. The best measurement is the
-//! one whose least divergence over all pairs is greatest.
+//! The expected divergence of a measurement and a pair of members is the squared difference of their predictions in units of
+//! the noise, less the part that the second member's parameters can absorb within their posterior. The best measurement
+//! maximizes the smallest divergence over all pairs.
 
 use super::data::{Kind, Run};
 use super::found::Explanation;

@@ -1,12 +1,11 @@
-//! Estimates the noise of the readings: its size, and how far it is correlated, from the scatter about smooth
-//! curves (theory, eq. 58).
+//! Estimates variance and autocorrelation of the noise from the scatter of the readings about smooth curves (theory, eq. 58).
 //!
 //! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a
-//! part that decays exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. A
-//! deviation that is the same in every sweep of the same positions is not noise, and is subtracted first. The estimate
-//! is never below the session's statement: rounding and calibration do not scatter. A statement is of single readings, the
-//! estimate of cells, in which the readings of a fast sensor are averaged: a statement is compared with the scatter of cells
-//! and that within them together.
+//! part that decays exponentially. Restricted likelihood (REML) estimates both parts, so that the polynomials cause no bias. A
+//! deviation that is the same in every sweep of the same positions is no noise, and is subtracted first. The estimate is never
+//! below the stated noise, because errors of rounding and calibration do not scatter. The stated noise is that of single
+//! readings, while the estimate is that of cells, in which the readings of a fast sensor are averaged; therefore the stated
+//! noise is compared with the scatter of cells and that within them together.
 
 use super::cells::Scatter;
 use super::data::{Channel, Kind, Run, Source};
@@ -20,32 +19,32 @@ use nalgebra::{DMatrix, DVector};
 /// Noise of one sensor, SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sensor {
-    /// Variance of what is new at every reading.
+    /// Variance of the white part.
     pub white: f64,
-    /// Variance of what is correlated.
+    /// Variance of the correlated part.
     pub correlated: f64,
-    /// Time (s) or length (m) over which it decays.
+    /// Time (s) or length (m) constant of its exponential decay.
     pub memory: f64,
-    /// Variance of what stays the same over a hold.
+    /// Variance of the part that is constant over a hold.
     pub lasting: f64,
-    /// Variance of single readings about the mean of their cell, which averages out within it.
+    /// Variance of single readings about the mean of their cell.
     pub within_cells: f64,
 }
 
 impl Sensor {
-    /// Covariance of two readings so far apart (not of one with itself).
+    /// Covariance of two different readings at this distance.
     pub fn covariance(&self, apart: f64) -> f64 {
         if self.correlated > 0.0 { self.correlated * (-apart.abs() / self.memory).exp() } else { 0.0 }
     }
 
-    /// Variance of the mean of so many readings over a stretch.
+    /// Variance of the mean of this many readings over a stretch.
     pub fn of_mean(&self, count: usize, length: f64) -> f64 {
         let n = count.max(1) as f64;
         let correlated_fraction = if length > 0.0 { (2.0 * self.memory / length).min(1.0) } else { 1.0 };
         self.white / n + self.correlated * correlated_fraction + self.lasting
     }
 
-    /// Standard deviation of one cell, or of one reading where none are averaged.
+    /// Standard deviation of one cell, or of one reading without averaging.
     pub fn sd(&self) -> f64 {
         (self.white + self.correlated + self.lasting).sqrt()
     }
@@ -107,12 +106,12 @@ struct Segment {
 }
 
 impl Noise {
-    /// Noise of the runs of a session: what is estimated, raised to what is stated.
+    /// Noise of the runs of a session: the larger of the estimated and the stated noise.
     pub fn of(runs: &[Run], stated: &Stated) -> Self {
         Self::with_disagreements(runs, stated).0
     }
 
-    /// The same, and where the scatter of the readings is far from what is stated, a sentence each.
+    /// The same, with a warning for every sensor whose scatter is far from the stated noise.
     pub fn with_disagreements(runs: &[Run], stated: &Stated) -> (Self, Vec<String>) {
         let scatter = scatter(runs);
         let [force, displacement, shape, tip, direction] = scatter;

@@ -1,7 +1,7 @@
-//! K of springs where the tissue is taken for an elastic body, which has none of its own.
+//! K of springs for a tissue that is modelled as an elastic body, which has no K of its own.
 //!
-//! It is that of the springs which explain the runs best beside the same effects: springs alone would take what an effect does, as a delay
-//! of the readings, for another stiffness.
+//! It is that of the springs that explain the runs best together with the same effects: without these, springs would absorb an
+//! effect, such as a delay of the readings, as another stiffness.
 
 use super::averaged::Averaged;
 use super::choice::Beside;
@@ -18,7 +18,7 @@ pub(super) struct OnSprings {
 }
 
 impl OnSprings {
-    /// Those of all models of a body, fitted to the runs of a start.
+    /// K for all models of a body, fitted to the runs of a start.
     ///
     /// # Errors
     /// Where springs without effects do not fit them.

@@ -1,8 +1,8 @@
-//! A hypothesis fitted to runs: parameters, sizes of the discrepancy and evidence together (theory, eq. 62).
+//! Joint fit of a hypothesis to runs: parameters, sizes of the discrepancy, and the evidence (theory, eq. 62).
 //!
-//! Gauss and Newton's method in the metric of noise and discrepancy. Every round finds the likeliest sizes for the current
-//! linearisation, then takes a step that is halved until the objective at these sizes falls. The evidence is that of Laplace's
-//! method at the end, at the parameters themselves.
+//! Gauss and Newton's method in the metric of noise and discrepancy. Every iteration finds the most probable sizes for the
+//! current linearisation, then takes a step that is halved until the objective at these sizes falls. At the end Laplace's
+//! method gives the evidence.
 
 mod quantities;
 mod round;
@@ -28,7 +28,7 @@ pub(super) const MAX_ROUNDS: usize = 25;
 pub(super) struct Fitted {
     pub layout: Layout,
     values: Vec<f64>,
-    /// Covariance of the parameters, as they are inside the fits.
+    /// Covariance of the parameters, in the scale of the fits.
     pub covariance: DMatrix<f64>,
     /// Whitened residuals of each run.
     pub residuals: Vec<Vec<f64>>,
@@ -38,11 +38,11 @@ pub(super) struct Fitted {
     pub at_bound: Vec<bool>,
     /// Size of every group of the discrepancy.
     pub sizes: Vec<f64>,
-    /// Logarithm of the evidence by Laplace's method, up to what all layouts share.
+    /// Logarithm of the evidence by Laplace's method, up to a constant that all layouts share.
     pub log_evidence: f64,
-    /// The same at the likeliest point of the model linearised here: what a fit that has not come to its end promises.
+    /// Log evidence at the optimum of the model linearised here: the expected value at convergence.
     pub promised: f64,
-    /// Whether the last step was a short one.
+    /// Whether the fit has converged, that is, the last step was short.
     pub settled: bool,
 }
 
@@ -53,7 +53,7 @@ struct Point {
 }
 
 impl Fitted {
-    /// Fits a layout to runs in at most so many rounds.
+    /// Fits a layout to runs in at most this number of iterations.
     ///
     /// # Errors
     /// [`FitError`] where there is no fit.
@@ -68,8 +68,7 @@ impl Fitted {
         Self::beside(layout, runs, patterns, starts, sizes, rounds, &[])
     }
 
-    /// The same where the sensitivities to the first parameters are known well enough, run by run: those of a fit without what comes
-    /// after these parameters.
+    /// The same with known sensitivities to the first parameters, run by run, from a fit without the further parameters.
     ///
     /// # Errors
     /// [`FitError`] where there is no fit.
@@ -165,17 +164,18 @@ impl Fitted {
         }
     }
 
-    /// Logarithm of the evidence, or what a fit promises that has not come to its end.
+    /// Logarithm of the evidence, or its expected value at convergence if the fit has not converged.
     pub fn worth(&self) -> f64 {
         if self.settled { self.log_evidence } else { self.promised.max(self.log_evidence) }
     }
 
-    /// Values inside the fits.
+    /// Parameter values in the scale of the fits.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Whether another fit of the same layout has come to the same place: within a small part of the standard deviations.
+    /// Whether another fit of the same layout has converged to the same values, within a small fraction of the standard
+    /// deviations.
     pub fn is_at(&self, other: &Self) -> bool {
         self.values
             .iter()
@@ -184,7 +184,7 @@ impl Fitted {
             .all(|(i, (a, b))| (a - b).abs() <= SAME_SD * self.sd(i).min(other.sd(i)))
     }
 
-    /// Standard deviation of a parameter inside the fits.
+    /// Standard deviation of a parameter in the scale of the fits.
     pub fn sd(&self, parameter: usize) -> f64 {
         self.covariance[(parameter, parameter)].sqrt()
     }
@@ -212,9 +212,8 @@ impl Fitted {
         patterns.products(&joined)
     }
 
-    /// Products of the columns in the metric of noise and discrepancy of these sizes, with the parameters projected
-    /// out, and by how much the fitted
-    /// logarithm of the modulus follows each of the columns.
+    /// Products of the columns in the metric of noise and discrepancy of these sizes, with the parameters projected out, and
+    /// the derivative of the fitted logarithm of the modulus along each column.
     pub fn eliminated(
         &self,
         patterns: &Patterns,
@@ -238,7 +237,7 @@ impl Fitted {
         Some((remaining_block, follow.row(0).iter().map(|step| modulus_sd * step).collect()))
     }
 
-    /// The same with the readings of one more run.
+    /// The same fit with the readings of one more run.
     pub fn with_run(&self, residuals: Vec<f64>, jacobian: DMatrix<f64>) -> Self {
         let mut more = self.clone();
         more.residuals.push(residuals);
@@ -246,7 +245,7 @@ impl Fitted {
         more
     }
 
-    /// Variance of the logarithm of the modulus with discrepancy of these sizes; nothing where a size makes no sense.
+    /// Variance of the logarithm of the modulus with a discrepancy of these sizes; `None` for an invalid size.
     pub fn ln_modulus_variance(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
         let nothing: Vec<DMatrix<f64>> =
             self.residuals.iter().map(|residuals| DMatrix::zeros(residuals.len(), 0)).collect();
@@ -257,8 +256,8 @@ impl Fitted {
         Some(covariance[(0, 0)] * sd * sd)
     }
 
-    /// Residuals of runs beside what they change by where the parameters are off by one standard deviation along each axis of their
-    /// covariance; nothing where that has no factor.
+    /// Residuals of runs, then their change for one standard deviation of the parameters along each principal axis of their
+    /// covariance; `None` if the covariance has no factor.
     pub fn with_spread(
         &self,
         residuals: &[Vec<f64>],
@@ -273,7 +272,7 @@ impl Fitted {
         Some(columns.collect())
     }
 
-    /// Derivative of the whitened predictions of other runs by the parameters.
+    /// Derivative of the whitened predictions of other runs with respect to the parameters.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -285,7 +284,7 @@ impl Fitted {
         jacobian(&self.layout, runs, &self.values, &self.layout.parameters(&self.values), residuals, &[])
     }
 
-    /// A column (one part per run) less what the parameters could do about it beside noise alone.
+    /// A column (one part per run) with the parameters projected out, in the metric of noise alone.
     pub fn less_parameters(&self, column: &[DVector<f64>]) -> Option<Vec<Vec<f64>>> {
         let parameters = self.layout.parameters(&self.values);
         let sds = DVector::from_iterator(parameters.len(), parameters.iter().map(prior_sd));
@@ -305,7 +304,8 @@ impl Fitted {
         Some(self.jacobian.iter().zip(column).map(reduced_residual).collect())
     }
 
-    /// The same with intervals that hold what the sizes of the discrepancy may be, and the tails of what is stated of the rig, too.
+    /// The same fit with intervals that are integrated over the sizes of the discrepancy and include the heavy tails of stated
+    /// positions.
     pub fn over_sizes(mut self, patterns: &Patterns) -> Self {
         let parameters = self.layout.parameters(&self.values);
         let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
@@ -332,7 +332,7 @@ impl Fitted {
         self
     }
 
-    /// By how much the logarithm of the evidence falls where the discrepancy has these sizes instead; nothing where one makes no sense.
+    /// Decrease of the log evidence if the discrepancy has these sizes instead; `None` for an invalid size.
     pub fn ln_cost_of_sizes(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
         let parameters = self.layout.parameters(&self.values);
         let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
@@ -341,8 +341,8 @@ impl Fitted {
         Some(other?.minus_ln - own?.minus_ln)
     }
 
-    /// Share of the variance of the logarithm of the modulus that would go if one thing that is stated of the rig were exactly known, for
-    /// each of them, the largest first.
+    /// For each stated quantity of the rig, the fraction of the variance of the logarithm of the modulus that would vanish if
+    /// it were exactly known; largest first.
     pub fn rests_on(&self, patterns: &Patterns) -> Vec<(&'static str, f64)> {
         let variance = self.covariance[(0, 0)];
         let mut fractions: Vec<(&'static str, f64)> = self
@@ -371,12 +371,12 @@ impl Fitted {
         fractions
     }
 
-    /// The same with these values and their covariance.
+    /// The same fit with these values and this covariance.
     pub fn with_moments(self, values: Vec<f64>, covariance: DMatrix<f64>) -> Self {
         Self { values, covariance, ..self }
     }
 
-    /// The same with sizes and evidence of another fit.
+    /// The same fit with sizes and evidence of another one.
     pub fn with_evidence_of(self, other: &Self) -> Self {
         Self { log_evidence: other.log_evidence, sizes: other.sizes.clone(), ..self }
     }

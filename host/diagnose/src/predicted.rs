@@ -1,4 +1,4 @@
-//! Expected data of a run under a model.
+//! Predicted data of a run under a model.
 
 use super::data::{Datum, Run, Source};
 use mechanics::Channels;

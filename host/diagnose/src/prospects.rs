@@ -1,11 +1,11 @@
-//! Expected information of runs that were not made yet (theory, eq. 90): which explanation is true, and how well the
-//! modulus is known.
+//! Expected information of planned runs (theory, eq. 90) about the explanation and about the modulus.
 //!
-//! Every model that the runs leave in question predicts a planned run as a normal distribution: its value, noise and discrepancy, and what the runs so
-//! far leave open of its own parameters and of the discrepancy that runs share. The mutual information between the model and the planned
-//! readings is at least `-sum_i w_i ln sum_j w_j exp(-B_ij)`, with the posterior weights `w` and Bhattacharyya's distances `B` (Kolchinsky and
-//! Tracey, "Estimating mixture entropy with pairwise distances", Entropy 19:361, 2017). Effects that no run has shown so far are among the models,
-//! each with its prior odds and the variance that the runs leave its amplitude: so a first session is spread over depths and axes.
+//! Every plausible model has a normal predictive distribution of a planned run, with noise, discrepancy, and the posterior
+//! uncertainty of its parameters and of the discrepancy that runs share. The mutual information between the model and the
+//! planned readings is at least `-sum_i w_i ln sum_j w_j exp(-B_ij)`, with the posterior weights `w` and Bhattacharyya's
+//! distances `B` (Kolchinsky and Tracey, "Estimating mixture entropy with pairwise distances", Entropy 19:361, 2017). The
+//! models include effects that no run has shown so far, each with its prior odds and the posterior variance of its amplitude.
+//! Therefore the runs of a first session are spread over depths and axes.
 
 use super::Multiples;
 use super::averaged::Averaged;
@@ -29,10 +29,10 @@ const MIN_PROBABILITY: f64 = 1e-3;
 /// Effects that are named as the reason for a run.
 const REASONS: usize = 3;
 
-/// Hypotheses in question, and the expected information of planned runs about them.
+/// Plausible hypotheses, and the expected information of planned runs about them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Prospects {
-    /// Sets of effects that explain what the runs show, with their probabilities, likeliest first.
+    /// Sets of effects that explain the runs, with their probabilities, most probable first.
     pub explanations: Vec<PossibleSet>,
     /// Probability that one more effect is missing, which no run has shown so far.
     pub unseen_probability: f64,
@@ -62,13 +62,13 @@ pub struct PossibleSet {
 pub struct Prospect {
     /// Name of the planned run.
     pub run: String,
-    /// Expected information about what is missing, nats.
+    /// Expected information about the missing effect, nats.
     pub information_nats: f64,
     /// Expected information about the modulus: the logarithm of the ratio of its standard deviations before and after, nats.
     pub modulus_nats: f64,
     /// Largest lateral force that the model predicts, N.
     pub force_n: f64,
-    /// Effects about which it would tell most, the first ones first.
+    /// Effects about which it would be most informative, in descending order.
     pub reasons: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! Remaining difference between a model and the measurement once every named effect is in it.
+//! Remaining difference between the model with all named effects and the measurement.
 
 use super::adequacy::{Adequacy, LEVEL, allowed_sizes};
 use super::evidence::Patterns;
@@ -14,7 +14,7 @@ const ABOVE: f64 = 1.5;
 pub(super) struct Remaining;
 
 impl Remaining {
-    /// Beside a model whose adequacy is known.
+    /// The difference that remains under a model whose adequacy is known.
     pub fn of(
         adequacy: &Adequacy,
         fitted: &Fitted,

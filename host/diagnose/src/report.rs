@@ -1,4 +1,4 @@
-//! The result of a diagnosis, put together from what the steps found.
+//! Assembly of the result of a diagnosis from the results of its steps.
 
 use super::Multiples;
 use super::adequacy::{Adequacy, Region};
@@ -37,22 +37,22 @@ pub(super) struct DiagnosisReport<'a> {
     pub start: &'a Fitted,
     pub found: &'a Found,
     pub final_fit: &'a Fitted,
-    /// All fits that the data leave in question.
+    /// All plausible fits.
     pub averaged: Averaged,
-    /// Models on the foundation that was not chosen, likeliest first.
+    /// Models on the other foundation, most probable first.
     pub other_foundation: Vec<Beside>,
     /// K of the models of a body.
     pub on_springs: OnSprings,
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
-    /// Disagreement of the model with the rig as it was known, if the rig has changed.
+    /// Adequacy of the model with the known values of the rig, if the rig has changed.
     pub disagreement: Option<&'a Adequacy>,
     pub verdict: Verdict,
     pub foundation: FoundationResult,
     pub split: String,
-    /// Sizes of the discrepancy above those of an ordinary rig.
+    /// Sizes of the discrepancy relative to an ordinary rig, where they are larger.
     pub multiples: Multiples,
-    /// Number of runs of which something was held out.
+    /// Number of runs with held-out parts.
     pub held_out: usize,
 }
 
@@ -393,7 +393,7 @@ fn guide2_rests(run: &Run) -> bool {
 }
 
 impl Diagnosis {
-    /// The model with what was added, as a file has it.
+    /// The model with the added effects, for a file.
     pub fn model(&self) -> ModelFile {
         let effects = self.given_effects.iter().chain(&self.effects);
         // A modulus that is not identifiable is nothing that was learned.

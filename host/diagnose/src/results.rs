@@ -1,4 +1,4 @@
-//! The result of a diagnosis, as it goes into JSON.
+//! The result of a diagnosis, as written to JSON.
 
 use super::Multiples;
 use super::data::Channel;
@@ -25,7 +25,7 @@ pub enum Verdict {
     Named,
     /// One of a few effects is missing; a measurement would identify it.
     Ambiguous,
-    /// Something is missing that the catalogue has no name for, or that the session cannot name.
+    /// An effect is missing that is not in the catalogue or that the session cannot identify.
     Unexplained,
 }
 
@@ -35,7 +35,7 @@ pub struct Diagnosis {
     /// Draws from the posterior, where they were requested.
     #[serde(skip)]
     pub draws: Option<Draws>,
-    /// Expected information of runs that were not made yet, if they were planned.
+    /// Expected information of planned runs, if there are any.
     #[serde(skip)]
     pub prospects: Option<Prospects>,
     /// Name and version of this form.
@@ -46,24 +46,24 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// Missing effects that were added to the model.
     pub effects: Vec<FoundEffect>,
-    /// Regions in which model and measurement disagree: before any effect is added, or, if
-    /// unexplained, still.
+    /// Regions in which model and measurement disagree: without effects, or, if the verdict is unexplained, under the final
+    /// model.
     #[serde(rename = "where")]
     pub regions: Vec<RegionResult>,
     /// Regions in which they still disagree under the final model, beyond usual imperfections.
     pub left: Vec<RegionResult>,
     /// Measurement that would separate the members of a class.
     pub next_measurement: Option<NextMeasurement>,
-    /// Before and after on what no fit has used.
+    /// Misfit of held-out data, before and after effects were added.
     pub gap: Option<HeldOutMisfit>,
     /// Every effect that was scored, best first.
     pub ranking: Vec<Ranked>,
-    /// The model with what was added, where it was written.
+    /// The file with the final model, if it was written.
     pub model_file: Option<String>,
     /// Foundation of the tissue, springs or an elastic body, and the evidence of both.
     pub foundation: FoundationResult,
-    /// The walls of the tissue, on which every E rests: where they are not stated its interval allows for them. `None`
-    /// if there is no E.
+    /// The walls of the tissue, on which every E depends. If they are not stated, the interval of E includes their uncertainty.
+    /// `None` if there is no E.
     pub walls: Option<WallsResult>,
     /// Reference, and the difference of the session from it; `None` if there is no reference.
     pub reference: Option<ReferenceResult>,
@@ -71,10 +71,10 @@ pub struct Diagnosis {
     pub k_kpa: f64,
     /// Its interval of 95 %.
     pub k_ci95_kpa: [f64; 2],
-    /// Whether the runs identify the modulus, K and E alike; where they do not, its interval is what was assumed beforehand.
+    /// Whether the runs identify the modulus, K and E alike. If they do not, its interval is that of the prior.
     pub k_status: ModulusStatus,
-    /// Mean modulus of the tissue that was touched under the final model, K of springs or E of a body as in `foundation`; nothing where
-    /// it has none.
+    /// Mean modulus, under the final model, of the tissue that was reached: K of springs or E of a body as in `foundation`;
+    /// `None` if the model has none.
     pub mean_modulus: Option<MeanModulus>,
     /// Tip load under the final model, where there are insertions.
     pub tip_load_n: Option<f64>,
@@ -82,16 +82,16 @@ pub struct Diagnosis {
     pub tip_load_ci95_n: Option<[f64; 2]>,
     /// Effects of the model that the diagnosis started from.
     pub given: Vec<String>,
-    /// The same with their parameters under the final model.
+    /// These effects with their parameters under the final model.
     #[serde(skip)]
     pub given_effects: Vec<FoundEffect>,
-    /// Other models that the data leave in question, for the model file.
+    /// Other plausible models, for the model file.
     #[serde(skip)]
     pub alternatives: Vec<Alternative>,
-    /// Parameters of the rig that have changed, the clearest change first. If there is any, "where" and "before" are of
-    /// the rig as it was known.
+    /// Parameters of the rig that have changed, the clearest change first. If there is any, the regions and the misfit "before"
+    /// are those with the known values.
     pub moved_since: Vec<Moved>,
-    /// Effects that improve the fit without explaining it: no names.
+    /// Effects that improve the fit without explaining the misfit; they are not named.
     pub partial: Vec<String>,
     /// Remaining difference between the final model and the measurement, and whether it matters.
     pub remaining: RemainingResult,
@@ -100,16 +100,16 @@ pub struct Diagnosis {
     pub multiples: Multiples,
     /// Smooth structure in the residuals before and after.
     pub adequacy: [AdequacyResult; 2],
-    /// Standard deviation of the smooth discrepancy that is left, by channel and unit; where something is unexplained.
+    /// Standard deviation of the remaining smooth discrepancy, by channel and unit, if the verdict is unexplained.
     pub discrepancy: BTreeMap<String, f64>,
-    /// Log evidence that an effect needs for a name where it is the only explanation.
+    /// Log evidence from which on an effect is named if it is the only explanation.
     pub margin: f64,
     /// Division of the session.
     pub split: String,
-    /// Noise that was taken, one standard deviation of a reading.
+    /// Noise that was used, one standard deviation of a reading.
     pub noise: BTreeMap<String, f64>,
-    /// Effects of a probability between 5 and 95 %, which is too little for a name; the intervals of the modulus and of the tip load include
-    /// the models with them.
+    /// Effects with a probability between 5 and 95 %, too low for a name. The intervals of the modulus and of the tip load
+    /// include the models with them.
     pub near_margin: Vec<String>,
     /// Effects that are not identifiable from this session.
     pub not_identifiable: Vec<String>,
@@ -125,21 +125,21 @@ pub struct Diagnosis {
 pub enum ModulusStatus {
     /// They do.
     Identified,
-    /// Nothing of known size acts on the needle, so that any modulus explains them with another tip load; or the modulus that fits best is
-    /// at an end of its range.
+    /// No load of known size acts on the needle, so that every modulus explains the runs with some tip load; or the
+    /// best-fitting modulus is at an end of its range.
     NotIdentified,
 }
 
 /// Mean of the modulus over depth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MeanModulus {
-    /// From the surface to this depth.
+    /// Lower end of the averaged depths, which begin at the surface.
     pub to_depth_mm: f64,
     /// The mean.
     pub modulus_kpa: Estimate,
 }
 
-/// A session beside the one that it is compared with.
+/// A session compared with its reference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReferenceResult {
     /// Name of the reference.
@@ -155,11 +155,11 @@ pub struct ReferenceResult {
 pub struct FoundationResult {
     /// `springs` or `body`.
     pub used: &'static str,
-    /// Log evidence of a body over springs, both without effects; nothing where one of them was not tried.
+    /// Log evidence of a body over springs, both without effects; `None` if one of them was not tried.
     pub log_evidence_of_body: Option<f64>,
-    /// Young's modulus, where the tissue is taken for a body: of the final model.
+    /// Young's modulus of the final model, if the tissue is modelled as a body.
     pub youngs_modulus_kpa: Option<Estimate>,
-    /// Poisson's ratio that it was found with.
+    /// Poisson's ratio at which it was estimated.
     pub poisson: Option<f64>,
     /// Young's modulus of a body without effects, whether it is used or not.
     pub youngs_modulus_of_plain_body_kpa: Option<Estimate>,
@@ -216,14 +216,13 @@ pub struct FoundEffect {
     pub parameters: BTreeMap<String, Estimate>,
     /// Log evidence over the model without it.
     pub log_evidence_gain: f64,
-    /// Probability that something is missing in its place, whichever of its class it is.
+    /// Probability that some effect of its class is missing.
     pub probability: f64,
-    /// Effects that may be missing in its place, likeliest first: the smallest set with 95 % of the probability; itself
-    /// among them.
+    /// The class: the smallest set of effects with 95 % of the probability, itself among them, most probable first.
     pub class: Vec<String>,
     /// Probability of each of the class.
     pub class_probability: Vec<f64>,
-    /// Formula of a term: what it is as a formula, with its values.
+    /// Formula of a law, with its values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
 }
@@ -248,7 +247,7 @@ pub struct RegionResult {
     pub from: f64,
     /// End of the region.
     pub to: f64,
-    /// Measured less predicted; where it changes sign with the displacement, towards the displacement.
+    /// Measured less predicted. If the sign changes with the displacement, positive is towards the displacement.
     pub mean_residual: f64,
     /// Whether it changes sign with the displacement.
     pub changes_sign_with_level: bool,
@@ -265,13 +264,13 @@ pub struct NextMeasurement {
     pub kind: String,
     /// In words.
     pub what: String,
-    /// The effects it separates.
+    /// The effects that it separates.
     pub separates: Vec<String>,
-    /// Expected gain of chi-square between the two that it separates least.
+    /// Expected divergence (chi-square) of the pair that it separates least.
     pub expected_divergence: f64,
 }
 
-/// Before and after on what no fit has used.
+/// Misfit of held-out data, before and after effects were added.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeldOutMisfit {
     /// The runs that it is from.
@@ -280,11 +279,11 @@ pub struct HeldOutMisfit {
     pub before: Misfit,
     /// Misfit of the final model.
     pub after: Misfit,
-    /// Share of the misfit above the noise that was removed; nothing where there is no misfit.
+    /// Fraction of the misfit above noise that was removed; `None` without such a misfit.
     pub removed: Option<f64>,
     /// Its interval of 95 %.
     pub removed_ci95: Option<[f64; 2]>,
-    /// Every residual that was held out, for figures.
+    /// All held-out residuals, for figures.
     #[serde(skip)]
     pub points: Vec<ResidualPoint>,
 }
@@ -294,7 +293,7 @@ pub struct HeldOutMisfit {
 pub struct ResidualPoint {
     /// The sensor.
     pub channel: Channel,
-    /// Depth: displacement of guide 2 of a force, depth below the surface of a deflection, depth of a tip; mm.
+    /// Abscissa, mm: displacement of guide 2 for a force, depth below the surface for a deflection, depth for a tip.
     pub at_mm: f64,
     /// Under the model that the diagnosis started from.
     pub before: f64,
@@ -317,9 +316,9 @@ pub struct Misfit {
 pub enum RemainingSize {
     /// The difference is noise.
     WithinNoise,
-    /// Structure that moves K by no more than its interval.
+    /// Structure that changes K by no more than its interval.
     Small,
-    /// Structure that matters.
+    /// Structure that changes K by more than its interval.
     Large,
 }
 
@@ -328,13 +327,13 @@ pub enum RemainingSize {
 pub struct RemainingResult {
     /// Size, in a word.
     pub size: RemainingSize,
-    /// Root mean square of the smooth misfit that is left, by channel and unit.
+    /// Root mean square of the remaining smooth misfit, by channel and unit.
     pub rms: BTreeMap<String, f64>,
-    /// Share of the held-out misfit above noise that is left; nothing where there was none.
+    /// Remaining fraction of the held-out misfit above noise; `None` without such a misfit.
     pub share_of_gap: Option<f64>,
-    /// Relative change of K where the discrepancy is omitted from the fit.
+    /// Relative change of K if the discrepancy is omitted from the fit.
     pub k_change_without_discrepancy: f64,
-    /// The imperfections that the evidence finds larger than in an ordinary rig, with their size as a multiple of the ordinary one.
+    /// Imperfections whose most probable size exceeds that of an ordinary rig, as a multiple of the ordinary size.
     pub above_everyday: BTreeMap<String, f64>,
 }
 
@@ -358,9 +357,9 @@ pub struct AdequacyResult {
     pub chi_square: f64,
     /// Number of these functions.
     pub functions: usize,
-    /// Probability of more by chance, beside noise alone.
+    /// p-value relative to noise alone.
     pub p: f64,
-    /// The same beside noise and the small imperfections that every rig and tissue has.
+    /// p-value relative to noise and the typical imperfections of rig and tissue.
     pub p_beside_everyday_discrepancy: f64,
     /// Reduced chi-square of every channel.
     pub channels: BTreeMap<String, f64>,

@@ -1,10 +1,11 @@
 //! Effect of rounding on a measured shape.
 //!
-//! Pixels round deflections to whole steps q. Noise much larger than a step makes the error of each point its own, part of the scatter.
-//! With less noise, of standard deviation s, what points of the same deflection u have in common remains: the mean of their readings is
-//! off by the harmonics of a sawtooth that the noise has smoothed, `(q / pi k) exp(-2 pi^2 k^2 s^2 / q^2) sin(2 pi k u / q + phase)` (Widrow
-//! and Kollar, Quantization Noise, 2008). Along a bent needle it averages out. Along one that is straight it does not, however many points there are, so that a
-//! needle near zero seems to stay behind guide 2 as if there were a clearance.
+//! Pixels round deflections to whole steps q. If the noise is much larger than a step, the rounding errors of the points are
+//! independent and part of the scatter. With less noise, of standard deviation s, points of the same deflection u have a common
+//! error: the mean of their readings is biased by the harmonics of a sawtooth that the noise has smoothed, `(q / pi k) exp(-2
+//! pi^2 k^2 s^2 / q^2) sin(2 pi k u / q + phase)` (Widrow and Kollar, Quantization Noise, 2008). Along a bent needle this bias
+//! averages out. Along a straight needle it does not, however many points there are, so that a needle near zero seems to lag
+//! behind guide 2, as with a clearance.
 
 use super::data::{Run, Source};
 use super::noise::Noise;

@@ -1,11 +1,9 @@
-//! Scoring every effect of the catalogue without refitting
-//! (theory, eq. 63 and 64).
+//! Score of every effect of the catalogue without a fit (theory, eq. 63 and 64).
 //!
-//! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. The
-//! part of d that the parameters in the model can produce is projected out (`d` orthogonal to their sensitivities), and
-//! the remainder is projected on the residuals: the efficient score. With a normal prior of the amplitude the evidence
-//! of each effect over the current model is a closed form, averaged over the places or times at which an effect may
-//! sit.
+//! Around the current fit an effect of amplitude a (in units of an ordinary size) changes the predictions by `a d`. The part of
+//! d in the span of the parameters' sensitivities is projected out, and the remainder is projected on the residuals: the
+//! efficient score. With a normal prior of the amplitude the evidence of each effect over the current model has a closed form,
+//! which is averaged over the possible places or times of the effect.
 
 mod around;
 mod directions;
@@ -35,10 +33,10 @@ pub(super) struct Score {
     pub chi_square: f64,
     /// Logarithm of the evidence over the current model.
     pub log_evidence: f64,
-    /// Values at the best hypotheses and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
-    /// the neutral value the best place moves.
+    /// Start values for a fit: values at the best hypotheses and amplitudes. They include neighbours of the best place, because
+    /// that place changes far from the neutral value.
     pub starts: Vec<Vec<f64>>,
-    /// Whether the session can identify this effect at all: a likely size would be significant, or evidence for a larger one is there.
+    /// Whether the session can identify this effect: a likely size would be significant, or there is evidence for a larger one.
     pub is_identifiable: bool,
 }
 
@@ -52,9 +50,9 @@ pub(super) struct Amplitude {
     pub place: Option<(usize, f64)>,
     /// Number of its direction.
     pub column: usize,
-    /// Length of the direction in the parameter inside the fits.
+    /// Step of the parameter, in the scale of the fits.
     pub step: f64,
-    /// Standard deviation of the prior inside the fits.
+    /// Standard deviation of the prior, in the scale of the fits.
     pub prior_sd: f64,
 }
 
@@ -84,7 +82,7 @@ pub(super) fn stacked(residuals: &[Vec<f64>]) -> DVector<f64> {
 }
 
 impl Scores {
-    /// Scores all effects that are not in the model, in the metric of the discrepancy that every rig has.
+    /// Scores all effects that are not in the model, in the metric of noise and typical discrepancy.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -105,7 +103,7 @@ impl Scores {
         Self::along(Directions::of(effects, fitted, runs), fitted, patterns)
     }
 
-    /// The scores of these directions around the fit, in the metric of the discrepancy that every rig has.
+    /// Scores of these directions around the fit, in the metric of noise and typical discrepancy.
     ///
     /// # Errors
     /// Where a size of the discrepancy makes no sense.
@@ -156,7 +154,7 @@ impl Scores {
         })
     }
 
-    /// Every amplitude of every hypothesis with its own part of the score; in the order of the catalogue.
+    /// Every amplitude of every hypothesis with its part of the score, in the order of the catalogue.
     pub fn amplitudes(&self) -> Vec<Amplitude> {
         let of_hypothesis = |effect: &'static dyn Effect, hypothesis: &Hypothesis| {
             let infos = effect.parameters();
@@ -184,7 +182,8 @@ impl Scores {
         all.flat_map(|(effect, more)| more.iter().flat_map(|one| of_hypothesis(*effect, one))).collect()
     }
 
-    /// Scalar products of directions with each other, with the residuals, and their change of the logarithm of the modulus.
+    /// Scalar products of the directions with each other and with the residuals, and the derivatives of the logarithm of the
+    /// modulus along them.
     pub fn products(&self) -> (&DMatrix<f64>, &DVector<f64>, &[f64]) {
         (&self.gram, &self.along, &self.ln_modulus)
     }

@@ -1,9 +1,8 @@
-//! The search: which sets of effects explain the runs, with what probability
-//! (theory, eq. 65).
+//! The search for the sets of effects that explain the runs, with their probabilities (theory, eq. 65).
 //!
-//! Around a model every name of the catalogue and every law of the grammar is scored, the best are fitted, and each
-//! gets its weight ([`super::weights`]). While some effect is missing with the stated probability, whichever of them it
-//! is, the likeliest one is added. Held-out runs have one veto: no effect counts under which its misfit grows.
+//! Around a model every effect of the catalogue and every law of the grammar is scored, the best are fitted, and each gets its
+//! weight ([`super::weights`]). While some effect is missing with the stated probability, the most probable one is added.
+//! Held-out runs have a veto: an effect that increases their misfit is refused.
 
 mod beginnings;
 mod leaders;
@@ -67,12 +66,12 @@ struct Set {
 pub(super) struct Catalogue<'a> {
     /// Whether laws are searched for, too.
     pub laws: bool,
-    /// Names that it does not have.
+    /// Effects that are excluded.
     pub left_out: &'a [&'static str],
 }
 
 impl Catalogue<'_> {
-    /// Everything there is.
+    /// The whole catalogue and grammar.
     pub const WHOLE: Self = Self { laws: true, left_out: &[] };
 
     fn names(&self) -> Vec<&'static dyn Effect> {
@@ -81,7 +80,7 @@ impl Catalogue<'_> {
 }
 
 impl<'a> Search<'a> {
-    /// Around a start.
+    /// A search around a start.
     pub fn new(
         start: &'a Fitted,
         runs: &'a [Prepared],
@@ -164,7 +163,7 @@ impl<'a> Search<'a> {
         Ok(all)
     }
 
-    /// Log evidence of the start, and that of the best effect over it by its score.
+    /// Log evidence of the start, and the log evidence of the best effect over it by its score.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -174,8 +173,8 @@ impl<'a> Search<'a> {
         Ok([self.start.log_evidence, best])
     }
 
-    /// A fit with one effect more, from the places that its score names, and its log evidence over the fit without; nothing where there is
-    /// no such fit.
+    /// A fit with one more effect, from the start values of its score, and its log evidence over the fit without it; `None` if
+    /// there is no such fit.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -195,7 +194,8 @@ impl<'a> Search<'a> {
         })))
     }
 
-    /// Adds what is missing to the start: one effect after the other, and again from other first effects where these may lead to a likelier set.
+    /// Adds the missing effects to the start, one after the other; and again from other first effects, if these may lead to a
+    /// more probable set.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.

@@ -1,8 +1,9 @@
-//! The shape that was measured in a hold, as data.
+//! The measured shape of a hold as data.
 //!
-//! A tracker measures the whole shape many times a second: a hold has hundreds of points at every place. They are one datum, their mean, which
-//! has all that is to be learnt from them: as data of their own they would be thousands whose covariance takes minutes to factor, and the
-//! first ones would all be at one place, where nothing shows how noise is correlated along the needle.
+//! A tracker measures the whole shape many times a second: a hold has hundreds of points at every place. They are replaced by
+//! their mean, which is a sufficient statistic. As separate data they would be thousands, whose covariance takes minutes to
+//! factor; and the first of them would all be at one place, from which the correlation of the noise along the needle cannot be
+//! estimated.
 
 use formats::session::LateralRun;
 use mechanics::ShapePoint;
@@ -20,7 +21,7 @@ const MAX_PLACES: usize = 240;
 pub(super) struct HoldShape {
     /// Its places, along the needle.
     pub places: Vec<ShapePoint>,
-    /// Number in the file of a point of each place, the first one.
+    /// Number, in the file, of the first point at each place.
     pub indices: Vec<usize>,
     /// Measurements at them, plane by plane.
     pub means: Vec<PlaceMean>,

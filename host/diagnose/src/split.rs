@@ -1,7 +1,7 @@
-//! Runs to learn from and runs to be judged by.
+//! Division into training and held-out data.
 //!
-//! Held-out runs go into [`HeldOut`], which has one use: the gap of two models on it. No other code has access, so
-//! that no fit, noise estimate, threshold or selection depends on it.
+//! Held-out data are in [`HeldOut`], which has one use: the comparison of two models on them. No other code has access, so that
+//! no fit, noise estimate, threshold or selection depends on it.
 
 use super::Multiples;
 use super::data::{Channel, Kind, Run, Source};
@@ -170,12 +170,12 @@ fn last_of_repeats(runs: &[&(usize, Run)]) -> Vec<usize> {
 }
 
 impl HeldOut {
-    /// Names of the runs that it is from.
+    /// Names of the runs with held-out parts.
     pub fn ids(&self) -> Vec<String> {
         self.runs.iter().map(|run| run.id.clone()).collect()
     }
 
-    /// Ready to judge models that are tried beside a start, which was fitted to the training runs; `multiples` are those of the
+    /// Judge of models that are compared with a start, which was fitted to the training runs; `multiples` are those of the
     /// discrepancy.
     ///
     /// # Errors
@@ -222,21 +222,21 @@ pub(super) struct Judge {
 /// Losses of a model in every part of what was held out.
 #[derive(Debug, Clone)]
 pub(super) struct Losses {
-    /// Twice minus the logarithm of the density that it gives the part after the training runs, beside noise and discrepancy of the sizes that
-    /// it was fitted with.
+    /// For each part, minus twice the log predictive density given the training runs, with noise and discrepancy of the fitted
+    /// sizes.
     pub of_density: Vec<f64>,
-    /// Misfit beside the instruments alone: the model itself is all that explains.
+    /// For each part, the misfit with instrument errors alone, so that only the model itself explains the data.
     pub beside_instruments: Vec<f64>,
 }
 
 impl Judge {
-    /// Number of runs of which something is held out.
+    /// Number of runs with held-out parts.
     pub fn runs(&self) -> usize {
         self.runs.len()
     }
 
-    /// Misfit of what was held out in runs of these kinds to the physics of a fit, beside noise and instruments; nothing where nothing is held
-    /// out. No pattern is in runs of both kinds.
+    /// Misfit of the held-out data in runs of these kinds under the physics of a fit, with noise and instrument errors; `None`
+    /// without held-out data. No pattern acts on runs of both kinds.
     pub fn held_out_misfit_in(&self, fitted: &Fitted, kinds: RunKinds) -> Option<f64> {
         let counted: Vec<bool> = self
             .runs
@@ -252,19 +252,19 @@ impl Judge {
         posterior::misfit(&self.patterns, &self.patterns.everyday(), &residuals)
     }
 
-    /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
+    /// Whether the misfit of the held-out data is smaller under the second model; false without held-out data.
     pub fn held_out_shrinks(&self, before: &Fitted, after: &Fitted) -> bool {
         self.held_out_shrinks_in(before, after, RunKinds::BOTH)
     }
 
-    /// The same of runs of these kinds alone. An effect that acts in insertions alone changes the modulus that both kinds share by a part of
-    /// its interval; in lateral runs, of which there are far more readings, that changes the misfit by chance.
+    /// The same for runs of these kinds alone. An effect that acts only in insertions changes the common modulus by a fraction
+    /// of its interval. In lateral runs, which have far more readings, that changes the misfit by chance.
     pub fn held_out_shrinks_in(&self, before: &Fitted, after: &Fitted, kinds: RunKinds) -> bool {
         let misfits = self.held_out_misfit_in(before, kinds).zip(self.held_out_misfit_in(after, kinds));
         misfits.is_some_and(|(before, after)| after < before)
     }
 
-    /// Losses of a model in what was held out; nothing where it cannot be evaluated.
+    /// Losses of a model on the held-out data; `None` if the model cannot be evaluated.
     pub fn losses(&self, fitted: &Fitted) -> Option<Losses> {
         let parts = self.after_training(fitted, &self.sizes_of(fitted))?;
         let beside_instruments = self.tally(fitted).ok()?.parts;
@@ -274,8 +274,8 @@ impl Judge {
         })
     }
 
-    /// Whether no more of what was held out is left beside a model and the imperfections of an ordinary rig than chance leaves; so where
-    /// nothing is held out.
+    /// Whether the held-out misfit under a model, with the imperfections of an ordinary rig, is consistent with chance; true
+    /// without held-out data.
     pub fn is_chance(&self, fitted: &Fitted) -> bool {
         let Some(parts) = self.after_training(fitted, &self.imperfections.everyday()) else { return false };
         let misfit_sum: f64 = parts.iter().map(|part| part.square).sum();
@@ -314,8 +314,8 @@ impl Judge {
         self.imperfections.ahead(sizes, &shared, &further_runs.collect::<Vec<_>>())
     }
 
-    /// Distances of two models from the held-out runs, and the fraction of the removable misfit that the second one
-    /// removes. `None` if no run is held out.
+    /// Misfits of two models on the held-out data, and the fraction of the removable misfit that the second one removes. `None`
+    /// without held-out data.
     ///
     /// # Errors
     /// Where a model cannot be evaluated.

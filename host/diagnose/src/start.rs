@@ -1,4 +1,4 @@
-//! The starting model: fitted before anything is searched for, on springs and from there on another foundation.
+//! The starting model, fitted before the search: first on springs, then on another foundation.
 
 use super::adequacy::Adequacy;
 use super::data::Run;
@@ -105,9 +105,8 @@ fn prepared(
 }
 
 impl Start {
-    /// Whether this foundation is out of question beside what was found on the other: something was, and the same
-    /// effects on this one are far behind. An effect without a name on the other foundation may have one on this, which
-    /// is searched for.
+    /// Whether this foundation is implausible given the result on the other one: effects were found there, and the same effects
+    /// on this foundation have far less evidence. If no effect was named there, this foundation is searched too.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -122,14 +121,15 @@ impl Start {
         Ok(same_fit.is_ok_and(|same_fit| same_fit.log_evidence < found.fitted.log_evidence + NO_WEIGHT))
     }
 
-    /// Logarithm of the modulus of this foundation to start from beside the effects of a model on another one: effects move the moduli of
-    /// both alike, more or less.
+    /// Start value of the logarithm of this foundation's modulus with the effects of a model on another foundation. It assumes
+    /// that effects change the moduli of both by about the same factor.
     pub fn ln_modulus_beside(&self, model: &Fitted, plain: &Fitted) -> f64 {
         let [own_ln, model_ln, plain_ln] = [&self.fitted, model, plain].map(Fitted::ln_modulus);
         own_ln + model_ln - plain_ln
     }
 
-    /// This foundation with the effects of a model on another one, and values to start from: those of there, but for the modulus.
+    /// This foundation with the effects of a model on another one, and start values, which are those of that model except for
+    /// the modulus.
     pub fn with_effects_of(&self, model: &Fitted, ln_modulus: f64) -> (Layout, Vec<f64>) {
         let layout = Layout { support: self.fitted.layout.support, ..model.layout.clone() };
         let mut values = model.values().to_vec();
@@ -137,7 +137,7 @@ impl Start {
         (layout, values)
     }
 
-    /// Disagreement of model and measurement.
+    /// Adequacy of the starting model.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.

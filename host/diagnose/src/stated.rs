@@ -1,9 +1,8 @@
-//! Statements about the rig that are not true: guide 2 or the surface elsewhere, by more than anyone mismeasures
-//! them.
+//! Wrong statements about the rig: guide 2 or the surface is elsewhere, by more than an ordinary error of measurement.
 //!
-//! Both are unknowns of every fit, so that no effect stands in for them and the modulus does not suffer (theory, eq.
-//! 84). If the posterior excludes a statement it gets the name of an effect, and the gap is that to the model as it was
-//! stated.
+//! Both positions are unknowns of every fit, so that no other effect absorbs their errors and the modulus stays unbiased
+//! (theory, eq. 84). If the posterior excludes a stated position, this is reported as a named effect, and the misfit "before"
+//! is that of the model with the stated position.
 
 use super::adequacy::Adequacy;
 use super::found::{Explanation, Found, Member};
@@ -41,7 +40,7 @@ fn probability_beyond(place: &StatedPlace, fitted: &Fitted) -> Option<f64> {
 }
 
 impl Start {
-    /// The same with everything exactly as it is stated.
+    /// The same start with all positions exactly as stated.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -65,7 +64,7 @@ impl Start {
 }
 
 impl Found {
-    /// With a name for everything that is stated of the rig and excluded by the runs, and whether there is any.
+    /// Names every stated position that the runs exclude, and returns whether there is any.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.

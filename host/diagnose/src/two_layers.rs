@@ -1,5 +1,5 @@
-//! Two layers fitted to the lateral runs of a session, with the discrepancy of a diagnosis in all intervals, without any search for
-//! effects.
+//! Fit of two layers to the lateral runs of a session, without a search for effects; all intervals include the discrepancy of a
+//! diagnosis.
 
 use super::averaged::interval;
 use super::layout::Scale;
@@ -26,15 +26,15 @@ pub struct TwoLayers {
     pub ratio: Interval,
     /// Depth of the boundary.
     pub boundary_mm: Interval,
-    /// Logarithm of the evidence of two layers, up to what springs and bodies share.
+    /// Logarithm of the evidence of two layers, up to a constant that springs and bodies share.
     pub log_evidence: f64,
-    /// The same less that of one layer.
+    /// Log evidence of two layers over one layer.
     pub log_evidence_gain: f64,
 }
 
-/// Fits two layers to all runs of a session from several starts: modulus above the boundary in Pa, ratio, and boundary in mm. The
-/// likelihood has many maxima in the boundary: values are those of the one with the most evidence, intervals those of the mixture of all,
-/// each with its evidence as weight.
+/// Fits two layers to all runs of a session from several starts: modulus above the boundary in Pa, ratio, and boundary in mm.
+/// The likelihood has many maxima along the boundary. Values are those of the maximum with the largest evidence; intervals are
+/// those of the mixture of all maxima, weighted by their evidence.
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used or no start has a fit.

@@ -1,4 +1,4 @@
-//! Walls of the tissue in every E that a diagnosis states; K does not depend on them.
+//! Effect of the tissue's walls on every E of a diagnosis; K does not depend on them.
 
 use super::results::Diagnosis;
 use mechanics::Support;

@@ -1,14 +1,14 @@
 //! Probabilities of models (theory, eq. 65).
 //!
-//! A model is a foundation, springs or a body, and a set of effects. Its weight is its evidence times its prior, and
-//! the prior says three things. The prior probability that one of the named effects is missing equals that of none, and
-//! every name that the runs can show has an equal part of it. A missing law that no name describes is less likely,
-//! `LAW_ODDS`, and every law of the grammar has an equal part. Springs and a body are equally likely, up to what the
-//! simpler model is preferred by. More data change it as they change evidence: a set of effects has no other penalty,
-//! and no effect has a rule of its own.
+//! A model is a foundation, springs or a body, and a set of effects. Its weight is its evidence times its prior, which has
+//! three parts. The prior probability that some effect of the catalogue is missing equals that of none, and all effects that
+//! the runs can show have equal parts of it. A missing law outside the catalogue has prior odds `LAW_ODDS`, in equal parts for
+//! all laws of the grammar. Springs and a body are equally probable, except for the preference for the simpler model. A set of
+//! effects has no further penalty, and no effect has a rule of its own.
 //!
-//! Under a model that lacks nothing the Bayes factor of any effect has mean 1 whatever the noise is, so that by Markov's inequality the
-//! effects of prior odds `q` together reach posterior odds `r` in at most a share `q / r` of sessions: names in 5 %, laws in 0.5 %.
+//! If the model is complete, the Bayes factor of any effect has mean 1, whatever the noise. By Markov's inequality, effects
+//! with prior odds `q` in total then reach posterior odds `r` in at most a fraction `q / r` of sessions: effects of the
+//! catalogue in 5 %, laws in 0.5 %.
 
 use super::foundation::FOUNDATION_MARGIN;
 use super::posterior::Fitted;
@@ -38,22 +38,22 @@ pub(super) struct ModelPrior {
 }
 
 impl ModelPrior {
-    /// Prior for so many names and laws that the runs can show.
+    /// Prior for these numbers of effects and laws that the runs can show.
     pub fn new(names: usize, laws: usize) -> Self {
         Self { names: names.max(1), laws: laws.max(1) }
     }
 
-    /// Logarithm of the prior odds of a model with an effect over the same without it.
+    /// Logarithm of the prior odds of a model with an effect over the model without it.
     pub fn ln_odds(&self, effect: &dyn Effect) -> f64 {
         if effect.is_unnamed() { (LAW_ODDS / self.laws as f64).ln() } else { -(self.names as f64).ln() }
     }
 
-    /// Log evidence that one effect alone needs for a name.
+    /// Log evidence from which on a single effect is named.
     pub fn needed(&self) -> f64 {
         (self.names as f64).ln() + stated_ln_odds()
     }
 
-    /// Logarithm of the weight of a model, up to what all models of a session share.
+    /// Logarithm of the weight of a model, up to a constant that all models of a session share.
     pub fn ln_weight(&self, fitted: &Fitted) -> f64 {
         let added = fitted.layout.effects.iter().skip(fitted.layout.given);
         let body = if fitted.layout.support.is_body() { FOUNDATION_MARGIN } else { 0.0 };

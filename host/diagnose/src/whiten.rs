@@ -1,9 +1,9 @@
-//! Residuals of one run made independent, with unit variance (theory, eq. 59).
+//! Whitening of the residuals of one run (theory, eq. 59).
 //!
-//! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few patterns
-//! on top: where guide 2 stands in a hold is known only as well as the mean of its readings, and moves force and shape of that hold
-//! together; a tip sensor's zero, and the place of a whole shape along the needle where an image shows it, are not known exactly; what
-//! rounds a shape leaves an error where the needle is straight ([`rounding`]). With `C = L L^T + V V^T` and the
+//! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few
+//! low-rank terms: the position of guide 2 in a hold has the error of the mean of its readings, which changes force and shape
+//! of that hold together; the zero of a tip sensor, and the position of an imaged shape along the needle, are uncertain; and
+//! rounding of a shape causes a common error where the needle is straight ([`rounding`]). With `C = L L^T + V V^T` and the
 //! singular values s of `L^-1 V = U S W^T`, the residual r becomes `x - U (1 - 1/sqrt(1 + s^2)) U^T x`, `x = L^-1 r`.
 
 use super::data::{Channel, Run, Source};
@@ -38,7 +38,7 @@ struct Slopes {
 }
 
 impl Whitener {
-    /// For a run, given about the model that is to be expected of it.
+    /// Whitener of a run, linearised around an approximate model of it.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -95,7 +95,7 @@ impl Whitener {
         Ok(whitener)
     }
 
-    /// Residuals in SI become independent with unit variance, in place.
+    /// Whitens residuals in SI, in place.
     pub fn apply(&self, residuals: &mut [f64]) {
         Arch::new().dispatch(Application { whitener: self, residuals });
     }

@@ -1,7 +1,8 @@
-//! The models of a diagnosis fitted to all runs of a session, those too of which something was held out while it searched.
+//! The models of a diagnosis, fitted to all runs of a session, including those with held-out parts in the search.
 //!
-//! What was held out has judged, and tells of the modulus what every other reading does: so a diagnosis states the modulus that
-//! [`fit_with_discrepancy`](super::fit_with_discrepancy) has of the same runs under the same model. Weights of models stay those of the search.
+//! After the search the held-out data carry information about the modulus like all other readings. So a diagnosis states the
+//! same modulus as [`fit_with_discrepancy`](super::fit_with_discrepancy) for the same runs and model. The weights of the models
+//! remain those of the search.
 
 use super::averaged::Averaged;
 use super::choice::Beside;
@@ -32,7 +33,7 @@ pub(super) struct Stated {
 }
 
 impl Whole {
-    /// All runs under a layout of which only the runs are other ones.
+    /// All runs, under the same layout.
     ///
     /// # Errors
     /// Where the plain model does not fit them.
@@ -48,7 +49,7 @@ impl Whole {
         Ok(Self { springs: fit_start(&layout, runs, noises, given, multiples)? })
     }
 
-    /// What is stated, fitted to all runs.
+    /// The final models, fitted to all runs.
     ///
     /// # Errors
     /// Where a model of it does not fit all runs.

@@ -1,7 +1,7 @@
-//! A session on which a person switches effects on and off: every time the model is fitted again, by the same steps as in the search.
+//! A session in which a person switches effects on and off. Each time the model is fitted again, by the same steps as in the
+//! search.
 //!
-//! The acceptance of the search has no influence here: any effect can be tried, and the result states what it is
-//! worth.
+//! The criteria of the search do not apply: any effect can be tried, and the result states its evidence.
 
 use super::data::{Channel, Source};
 use super::layout::{Layout, Prepared};
@@ -20,7 +20,7 @@ use readings::FitError;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A session with its starting model, and every model that was tried beside it.
+/// A session with its starting model and all models that were tried.
 #[derive(Debug)]
 pub struct Workbench {
     start: Start,
@@ -31,7 +31,7 @@ pub struct Workbench {
     tried: BTreeMap<Vec<&'static str>, (Fitted, f64)>,
 }
 
-/// A model with the effects that were chosen, fitted.
+/// A fitted model with the chosen effects.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trial {
     /// The effects with their parameters, in the order of their ids.
@@ -42,11 +42,11 @@ pub struct Trial {
     pub modulus_kpa: Estimate,
     /// Log evidence over the starting model.
     pub log_evidence_gain: f64,
-    /// Misfit of the runs that are learned from: of the starting model and of this one.
+    /// Misfit on the training runs, of the starting model and of this one.
     pub learned: [Misfit; 2],
-    /// The same of what no fit has used; nothing where nothing is held out.
+    /// Misfit on held-out data; `None` without such data.
     pub held_out: Option<HeldOutMisfit>,
-    /// Residuals of all readings that are learned from.
+    /// Residuals of all training readings.
     pub points: Vec<TrialPoint>,
 }
 
@@ -68,7 +68,7 @@ pub struct TrialPoint {
     pub channel: &'static str,
     /// Unit of the residuals.
     pub unit: &'static str,
-    /// Below the surface; of forces that of the needle.
+    /// Depth below the surface; for forces the depth of the needle.
     pub depth_mm: f64,
     /// Displacement of guide 2 along the axis of the run.
     pub displacement_mm: f64,
@@ -76,13 +76,13 @@ pub struct TrialPoint {
     pub before: f64,
     /// Under this model.
     pub after: f64,
-    /// Standard deviation of what was averaged, by noise alone.
+    /// Standard deviation of the value by noise alone.
     pub noise_sd: f64,
 }
 
 impl Workbench {
     /// Fits the starting model to a session. With [`FoundationChoice::Auto`] the tissue is springs: the choice by evidence is that of
-    /// [`super::diagnose`]. A reference is not supported and ignored.
+    /// [`super::diagnose`]. A reference is ignored.
     ///
     /// # Errors
     /// [`DiagnoseError`] where nothing can be fitted.
@@ -115,8 +115,8 @@ impl Workbench {
         all_effects.filter(|effect| layout.is_applicable(*effect) && !is_in_model(*effect)).collect()
     }
 
-    /// Fits the model with these effects beside those of the starting model. The order in which they are given, and what was tried
-    /// before, make no difference.
+    /// Fits the model with these effects and those of the starting model. The result does not depend on their order or on
+    /// earlier trials.
     ///
     /// # Errors
     /// [`DiagnoseError::Fit`] where the model with them cannot be fitted, or an effect cannot be added to this rig.

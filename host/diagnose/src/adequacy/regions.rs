@@ -1,4 +1,4 @@
-//! Regions in which measured and predicted differ.
+//! Regions in which measured and predicted values differ.
 
 use super::super::data::{Channel, Datum, Kind};
 use super::super::evidence::{Group, Patterns, Products};
@@ -23,7 +23,7 @@ pub(in super::super) struct Region {
     pub coordinate: &'static str,
     pub from: f64,
     pub to: f64,
-    /// Measured less predicted, SI; where the sides of zero differ, towards the side of guide 2.
+    /// Measured less predicted, SI. If the sign changes with the displacement, positive is towards the side of guide 2.
     pub mean: f64,
     pub is_odd: bool,
     pub sigma: f64,

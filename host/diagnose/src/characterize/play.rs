@@ -1,10 +1,9 @@
-//! Play and friction of a rig where no shape is measured.
+//! Play and friction of a rig without a measured shape.
 //!
-//! In the force a play and a friction of the other sign are the same but for what follows a reversal: a friction turns
-//! round at once, a play only once twice its width has been travelled. Their distance grows with the play, and the
-//! likelihood is far from that of a linear model, is flat over many plays and may have more than one maximum. So
-//! everything else is fitted at every play, and intervals are those of the profile: all values that are not less likely
-//! than the likeliest by more than a normal distribution allows for 95 %.
+//! In the force, play and friction of opposite sign differ only after a reversal: friction reverses at once, play only after
+//! twice its width. Their difference grows with the play. The likelihood is therefore far from that of a linear model: it is
+//! flat over many values of the play and may have several maxima. So all other parameters are fitted at every value of the
+//! play, and intervals are those of the profile likelihood at 95 %.
 
 use crate::evidence::Patterns;
 use crate::known::KnownParameter;

@@ -1,4 +1,4 @@
-//! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
+//! Patterns in insertions: differences between nominally equal insertions, and errors of tracker and guides.
 
 use super::{Around, Cause, GroupPatterns, Groups, Made, Scope};
 use crate::data::{Datum, Kind, Source};

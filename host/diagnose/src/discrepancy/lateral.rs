@@ -1,4 +1,5 @@
-//! Patterns in lateral runs: what a careful laboratory would not notice, in tissue, image, force sensor and guides.
+//! Patterns in lateral runs: imperfections of tissue, image, force sensor and guides that a careful laboratory would not
+//! notice.
 
 use super::{Around, Cause, GroupPatterns, Groups, Scope};
 use crate::data::{Kind, Source};

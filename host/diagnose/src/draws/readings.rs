@@ -1,9 +1,10 @@
-//! The readings that draws predict, and how likely those are that were taken.
+//! Readings predicted by draws, and the likelihood of the measured readings.
 //!
-//! Readings are linear in the parameters around each fit. A predicted one has the discrepancy of the fit's sizes and the noise in it. The
-//! density of a reading is that given all others, `-ln(2 pi)/2 + ln(c)/2 - g^2/(2 c)` with `g = S^-1 r` and `c` the diagonal of `S^-1`,
-//! because discrepancy makes readings depend on each other (Bürkner, Gabry and Vehtari, "Efficient leave-one-out cross-validation for
-//! Bayesian non-factorized normal and Student-t models", Computational Statistics 36:1243, 2021); it is that of whitened readings.
+//! Readings are linear in the parameters around each fit. A predicted reading includes a discrepancy of the fit's sizes and
+//! noise. The density of a reading is conditional on all others, `-ln(2 pi)/2 + ln(c)/2 - g^2/(2 c)` with `g = S^-1 r` and `c`
+//! the diagonal of `S^-1`, because the discrepancy correlates readings (Bürkner, Gabry and Vehtari, "Efficient leave-one-out
+//! cross-validation for Bayesian non-factorized normal and Student-t models", Computational Statistics 36:1243, 2021); it is
+//! that of whitened readings.
 
 use super::Deviations;
 use crate::data::{Channel, Datum};
@@ -24,7 +25,7 @@ pub(crate) struct Readings<'a> {
 type OfRuns = Vec<[DMatrix<f64>; 2]>;
 
 impl Readings<'_> {
-    /// Adds observed, predicted and likely readings, a variable for each channel of each run.
+    /// Adds observed readings, predicted readings and log likelihoods, a variable for each channel of each run.
     ///
     /// # Errors
     /// [`FitError`] where a model cannot be evaluated.

@@ -1,13 +1,13 @@
-//! Priors with heavy tails: of statements about a rig, and of the sizes of effects (theory, eq. 84).
+//! Heavy-tailed priors of stated positions of a rig and of the sizes of effects (theory, eq. 84).
 
-/// A place that is stated of the rig and unknown within a tolerance.
+/// A stated position of the rig that is uncertain within a tolerance.
 #[derive(Debug, Clone, Copy)]
 pub struct StatedPlace {
-    /// Number of the parameter: how much further from guide 1 it is than stated, m.
+    /// Index of the parameter: true less stated distance from guide 1, m.
     pub parameter: usize,
     /// Name of the quantity.
     pub name: &'static str,
-    /// The effect that it is by name.
+    /// The effect that names it.
     pub effect: &'static str,
     /// Its tolerance.
     pub scale_m: f64,
@@ -25,42 +25,43 @@ impl StatedPlace {
 pub struct HeavyTailedParameter {
     /// Number of the parameter.
     pub parameter: usize,
-    /// Value inside the fits around which the prior is.
+    /// Center of the prior, in the scale of the fits.
     pub center: f64,
-    /// Its distribution around it.
+    /// Distribution around the center.
     pub prior: HeavyTailed,
 }
 
 impl HeavyTailedParameter {
-    /// That of a statement about the rig.
+    /// The parameter of a stated position.
     pub fn of_place(place: StatedPlace) -> Self {
         Self { parameter: place.parameter, center: 0.0, prior: place.prior() }
     }
 }
 
-/// Student's t with three degrees of freedom, the heaviest tail of whole degrees that still has a standard deviation. A statement about a
-/// rig is mostly right within its tolerance, and now and then wrong by many of them, as where a guide was measured to its other face. An
-/// effect mostly has a size that a careful laboratory may overlook, and now and then one that a careless one did: under a normal prior ten
-/// standard deviations cost fifty nats, and the wrong effect that needs two would have the name.
+/// Student's t with three degrees of freedom, the heaviest tail of whole degrees that still has a standard deviation. A stated
+/// position is mostly right within its tolerance, and now and then wrong by many tolerances, for example if a guide was
+/// measured to its other face. An effect mostly has a size that a careful laboratory may overlook, and now and then a much
+/// larger one. Under a normal prior ten standard deviations would cost fifty nats, and a wrong effect at two standard
+/// deviations would be named instead.
 ///
-/// In a fit a normal prior stands for it whose standard deviation follows the value (iteratively reweighted: every round minimises a bound
-/// of the true objective that touches it at the current value).
+/// In a fit it is approximated by a normal prior whose standard deviation depends on the value (iterative reweighting: every
+/// iteration minimizes an upper bound of the objective that touches it at the current value).
 #[derive(Debug, Clone, Copy)]
 pub struct HeavyTailed {
-    /// Size of the values that are ordinary.
+    /// Scale of ordinary values.
     pub scale: f64,
 }
 
 impl HeavyTailed {
     const FREEDOM: f64 = 3.0;
 
-    /// Standard deviation of the normal prior that stands for it around a value.
+    /// Standard deviation of the normal prior that approximates it around a value.
     pub fn sd_at(&self, value: f64) -> f64 {
         ((Self::FREEDOM * self.scale * self.scale + value * value) / (Self::FREEDOM + 1.0)).sqrt()
     }
 
-    /// Mean and variance under it of what a fit with the normal prior at its end gives as `value` and `variance`; nothing where the data
-    /// have nothing of their own, as then the fit is as good as the prior.
+    /// Posterior mean and variance under this prior, from `value` and `variance` of a fit with the normal prior; `None` if the
+    /// data carry no information of their own, so that the fit equals the prior.
     pub fn moments(&self, value: f64, variance: f64) -> Option<(f64, f64)> {
         let of_prior = self.sd_at(value).powi(-2);
         let of_data = variance.recip() - of_prior;
@@ -87,7 +88,7 @@ impl HeavyTailed {
         (weights > 0.0 && variance > 0.0).then_some((mean, variance))
     }
 
-    /// Logarithm of its density over that of the normal prior that stands for it around a value.
+    /// Log density less that of the normal prior that approximates it around a value.
     pub fn ln_over_normal(&self, value: f64) -> f64 {
         let sd = self.sd_at(value);
         let normalized = value / self.scale;

@@ -15,8 +15,8 @@ const SLOPE_SD: f64 = 0.5;
 const LARGER: f64 = 1.1;
 
 impl Fitted {
-    /// A parameter in its own unit with its interval of 95 %. A depth at which something happens in insertions is known no better than
-    /// the readings around it: these are means over cells of depth, and that of the event lies anywhere between two of them.
+    /// A parameter in its own unit with its interval of 95 %. The depth of an event in insertions is uncertain by the spacing
+    /// of the readings, which are means over cells of depth.
     pub fn estimate(&self, effect: usize, parameter: usize) -> (f64, [f64; 2]) {
         let effect_of = self.layout.effects.get(effect);
         let Some((of, info)) = effect_of.and_then(|of| Some((of, of.parameters().get(parameter)?))) else {
@@ -48,15 +48,15 @@ impl Fitted {
         self.values[0]
     }
 
-    /// Logarithm of the mean modulus, Pa, over the tissue down to a depth, and its standard deviation; nothing where the model makes no
-    /// sense around the fit. With effects of the tissue the modulus itself is that of a place or a layer, the mean is what effects that
-    /// explain the data alike have in common.
+    /// Logarithm of the mean modulus, Pa, over the tissue down to a depth, and its standard deviation; `None` if the model is
+    /// invalid around the fit. With effects of the tissue the modulus itself is that of a place or a layer, while the mean is
+    /// comparable between effects that explain the data equally well.
     pub fn ln_mean_modulus(&self, depth_m: f64) -> Option<(f64, f64)> {
         let (value, slopes) = self.ln_mean_modulus_slopes(depth_m)?;
         Some((value, slopes.dot(&(&self.covariance * &slopes)).max(0.0).sqrt()))
     }
 
-    /// The same with its slopes along the parameters.
+    /// The same with its derivatives with respect to the parameters.
     pub fn ln_mean_modulus_slopes(&self, depth_m: f64) -> Option<(f64, DVector<f64>)> {
         let mut slopes = DVector::zeros(self.values.len());
         for i in 0..self.values.len() {
@@ -78,7 +78,7 @@ impl Fitted {
         Some(problem.foundation.mean_pa(depth_m).ln()).filter(|ln| ln.is_finite())
     }
 
-    /// The tip load, N, with its slopes along the parameters.
+    /// The tip load, N, with its derivatives with respect to the parameters.
     pub fn tip_load_slopes(&self) -> Option<(f64, DVector<f64>)> {
         self.layout.tip_load_slopes(&self.values)
     }
@@ -89,7 +89,7 @@ impl Fitted {
         Some((value, [-NORMAL_975, NORMAL_975].map(|sds| value + sds * sd)))
     }
 
-    /// Groups of the discrepancy that are larger than in an ordinary rig, as multiples of that.
+    /// Groups of the discrepancy that are larger than in an ordinary rig, as multiples of the ordinary size.
     pub fn multiples(&self, patterns: &Patterns) -> Multiples {
         let tailed_groups = patterns.groups.iter().zip(&self.sizes).filter(|(group, _)| group.tail.is_some());
         let multiples = tailed_groups
@@ -107,7 +107,7 @@ impl Fitted {
         Some([of_logarithm(self.values[ratio_parameter], of_ratio.sqrt()), of_reference])
     }
 
-    /// By how much the logarithm of the modulus would move were there noise alone, as far as the linearisation goes.
+    /// Change of the logarithm of the modulus if the discrepancy is omitted, to first order.
     pub fn change_without_discrepancy(&self, patterns: &Patterns) -> Option<f64> {
         let parameters = self.layout.parameters(&self.values);
         let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
@@ -117,9 +117,10 @@ impl Fitted {
         Some((evidence.mean[0] - from_prior(first, self.values[0])) * prior_sd(first))
     }
 
-    /// Standard deviation of that change where nothing but discrepancy of these sizes is there. The estimate by noise alone is a worse one of
-    /// the same modulus, and moves by chance (theory, eq. 67; Hausman 1978): in units of the priors, with
-    /// `G = J^T J`, `u = (G + 1)^-1 e_1` and `v` the variance beside the discrepancy, `u^T J^T S J u + |G u|^2 - 2 (G u)_1 + 1 - v`.
+    /// Standard deviation of that change under a discrepancy of these sizes. The estimate with noise alone is a less efficient
+    /// one of the same modulus, so that the two differ by chance (theory, eq. 67; Hausman 1978): in units of the priors, with
+    /// `G = J^T J`, `u = (G + 1)^-1 e_1` and `v` the variance with the discrepancy, `u^T J^T S J u + |G u|^2 - 2 (G u)_1 + 1
+    /// - v`.
     pub fn sd_of_change_without_discrepancy(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
         let parameters = self.layout.parameters(&self.values);
         let no_columns: Vec<DMatrix<f64>> =

@@ -1,4 +1,4 @@
-//! One round of a fit: residuals, sensitivities and their products, the step, and how far it is taken.
+//! One iteration of a fit: residuals, sensitivities and their products, the step and its length.
 
 use super::super::evidence::{Evidence, Patterns, Products};
 use super::super::layout::{Layout, Prepared};

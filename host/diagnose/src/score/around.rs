@@ -19,7 +19,7 @@ pub(crate) struct Columns {
 }
 
 impl Columns {
-    /// Those of directions in runs with these patterns.
+    /// Columns of directions in runs with these patterns.
     pub fn new(directions: Directions, patterns: &Patterns) -> Self {
         let Directions { hypotheses, directions, readings } = directions;
         let of_runs: Vec<DMatrix<f64>> = readings
@@ -50,7 +50,7 @@ pub(crate) struct Around {
 }
 
 impl Around {
-    /// The metric of the discrepancy that every rig has, or of a smaller one where the fit has found that.
+    /// The metric of noise and typical discrepancy, or of a smaller discrepancy if that is the fit's.
     ///
     /// # Errors
     /// Where a size of the discrepancy makes no sense.
@@ -83,7 +83,7 @@ impl Around {
         })
     }
 
-    /// Scores of directions, the parameters' part taken off.
+    /// Scores of directions, with the parameters projected out.
     pub fn scores(&self, columns: &Columns) -> Scores {
         let patterns = self.elimination.of(&columns.products);
         let mut gram = columns.products.among.clone();

@@ -1,4 +1,4 @@
-//! Effect of amplitudes on the readings: one hypothesis per place or time at which an effect may act.
+//! Effect of amplitudes on the readings, with one hypothesis per possible place or time of an effect.
 
 use crate::data::Kind;
 use crate::layout::{Layout, Prepared, Scale, prior};
@@ -32,7 +32,7 @@ pub(crate) struct Directions {
 }
 
 impl Directions {
-    /// Those of all hypotheses of some effects around a fit; effects that are in its model have none.
+    /// Directions of all hypotheses of some effects around a fit; effects that are in its model have none.
     pub fn of(effects: &[&'static dyn Effect], fitted: &Fitted, runs: &[Prepared]) -> Self {
         let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
         let unknown: Vec<&'static dyn Effect> = effects
@@ -72,7 +72,7 @@ impl Directions {
         Self { hypotheses: hypotheses.into(), directions, readings }
     }
 
-    /// With the readings of one more run, whose residuals are those of the fit.
+    /// Directions with the readings of one more run, whose residuals are those of the fit.
     pub fn with_run(mut self, fitted: &Fitted, run: &Prepared, residuals: &[f64]) -> Self {
         self.readings.push(residuals.len());
         for (effect, hypotheses) in self.hypotheses.iter() {

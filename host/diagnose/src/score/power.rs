@@ -1,8 +1,8 @@
-//! From which size on data show an effect (theory, eq. 88).
+//! Smallest size of an effect that data show (theory, eq. 88).
 //!
 //! An effect of amplitude `a` in direction i projects `a G_i` on all directions, `G` their scalar products in the metric of noise and
-//! discrepancy, and noise adds a normal vector of covariance `G`. So the evidence that [`Scores::log_evidence`] would give is known in
-//! distribution before anything is searched, from the same matrix, prior and average over places.
+//! discrepancy, and noise adds a normal vector of covariance `G`. So the distribution of the evidence by
+//! [`Scores::log_evidence`] is known before a search, from the same matrix, prior and average over places.
 
 use super::{PreparedHypothesis, Scores, mean_of_exponentials};
 use crate::layout::Scale;
@@ -20,12 +20,12 @@ const SEED: u64 = 1;
 #[derive(Debug, Clone)]
 pub(crate) struct NamedFrom {
     pub effect: &'static dyn Effect,
-    /// Number of the parameter, and its value at that size; nothing where no size within its range has a name.
+    /// Number of the parameter, and its value at that size; `None` if no size within its range would be named.
     pub parameter: usize,
     pub value: Option<f64>,
-    /// Number and value of the parameter that is a place or a time: where the effect is seen best.
+    /// Number and value of the parameter that is a place or a time, at the most sensitive one.
     pub place: Option<(usize, f64)>,
-    /// Effects that are not told apart from it at that size.
+    /// Effects that cannot be distinguished from it at that size.
     pub alike: Vec<&'static str>,
 }
 

@@ -1,4 +1,4 @@
-//! Effects that are not in the model and that no run has shown so far, as the runs leave them.
+//! Posterior of effects that are not in the model and that no run has shown so far.
 
 use super::directions::Hypothesis;
 use super::{Scores, mean_of_exponentials};
@@ -8,10 +8,10 @@ use mechanics::effects::Effect;
 #[derive(Debug, Clone)]
 pub(crate) struct Unseen {
     pub effect: &'static dyn Effect,
-    /// Variance of the amplitude after the runs.
+    /// Posterior variance of the amplitude.
     pub variance: f64,
-    /// Log evidence of the effect over the model without it, less the logarithm of the number of its amplitudes and places: together they have
-    /// the evidence of the effect.
+    /// Log evidence of the effect over the model without it, less the logarithm of the number of its amplitudes and places, so
+    /// that together these have the evidence of the effect.
     pub log_evidence: f64,
 }
 

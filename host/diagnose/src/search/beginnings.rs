@@ -1,5 +1,5 @@
-//! Other beginnings of a search: an effect that imitates two others is found before each of them, and no exchange of one effect leads from
-//! it to the two.
+//! Other beginnings of a search. An effect that imitates two others is found before each of them, and no exchange of a single
+//! effect leads from it to the two.
 
 use super::super::adequacy::Adequacy;
 use super::super::found::Candidate;
@@ -19,7 +19,7 @@ const MAX_BEGINNINGS: usize = 4;
 /// A model with one effect from which the search begins again.
 pub(super) struct Beginning {
     pub fitted: Fitted,
-    /// Logarithm of the weight of a set that it may lead to.
+    /// Logarithm of the weight of a set to which it may lead.
     pub promise: f64,
 }
 

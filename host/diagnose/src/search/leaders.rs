@@ -1,4 +1,4 @@
-//! The choice of the effects and laws that are fitted: the leaders by their scores.
+//! Choice of the effects and laws with the best scores, which are fitted.
 
 use super::super::found::{Candidate, Standing};
 use super::super::layout::{Layout, Scale};
@@ -56,7 +56,7 @@ pub(in super::super) fn leading(best: f64) -> f64 {
 }
 
 impl Search<'_> {
-    /// Fits the leaders of what is scored, best first, and weighs them.
+    /// Fits the candidates with the best scores, best first, and weights them.
     pub fn weigh(&self, base: &Fitted, ranked: Vec<Score>, prior: &ModelPrior) -> Vec<Candidate> {
         let best = ranked.first().map_or(0.0, |score| score.log_evidence);
         // A hypothesis whose score has the evidence of a name is fitted however far behind it is.

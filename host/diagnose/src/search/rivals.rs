@@ -1,4 +1,4 @@
-//! Models that compete: by what was held out, and by whether any run tells them apart.
+//! Comparison of rival models by held-out data, and by whether any run distinguishes them.
 
 use super::super::found::Explanation;
 use super::super::posterior::{Fitted, misfit};

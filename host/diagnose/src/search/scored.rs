@@ -1,7 +1,8 @@
-//! Scores of names and laws beside the models of a search.
+//! Scores of effects and laws around the models of a search.
 //!
-//! Directions around a fit cost an evaluation of the model for every amplitude at every place. Effects change them little: those around the
-//! start say which sites and regressors matter beside another fit, and only these are evaluated there.
+//! The directions around a fit need an evaluation of the model for every amplitude at every place. As effects change them
+//! little, those around the start show which sites and regressors matter around another fit, and only these are evaluated
+//! there.
 
 use super::super::discover;
 use super::super::posterior::Fitted;
