@@ -26,6 +26,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -36,8 +37,10 @@ const TARE_AT_S: u32 = 10;
 const ACQUIRE_AT_S: u32 = 15;
 /// Insertions of the needle after the modulus is known.
 const INSERTIONS: usize = 4;
-/// Rig seconds per second.
-const SPEED: f64 = 4.0;
+/// Rig seconds per second at most; slower computers run QEMU at half of it.
+const SPEED: f64 = 8.0;
+/// A command that takes longer shows a sign of life as often: half of what a reader waits before a program seems to hang.
+const QUIET: Duration = Duration::from_secs(15);
 
 /// Options of `cargo xtask demo`.
 #[derive(clap::Args)]
@@ -416,7 +419,19 @@ impl Typist<'_> {
     }
 
     fn output(&self, arguments: &[&str]) -> Result<String> {
-        let output = Command::new(&self.program).args(arguments).stdin(Stdio::null()).output()?;
+        let (running, ended) = mpsc::channel::<()>();
+        let output = thread::scope(|scope| {
+            scope.spawn(move || {
+                let began = Instant::now();
+                while ended.recv_timeout(QUIET) == Err(RecvTimeoutError::Timeout) {
+                    let command = arguments.first().unwrap_or(&"");
+                    eprintln!("(guide {command} has been at work for {} s)", began.elapsed().as_secs());
+                }
+            });
+            let output = Command::new(&self.program).args(arguments).stdin(Stdio::null()).output();
+            drop(running);
+            output
+        })?;
         let stderr = String::from_utf8_lossy(&output.stderr);
         ensure!(output.status.success(), "guide {}: {}", arguments.join(" "), stderr.trim());
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
