@@ -38,22 +38,23 @@ pub fn texts() -> Result<()> {
     wording::check()
 }
 
-/// Lints of the host's code, of the Python module, and of the firmware's that the host compiles too.
+/// Lints of the host's code, and of the firmware's that the host compiles too.
 ///
 /// # Errors
 /// Where there is anything to complain about.
 pub fn lints() -> Result<()> {
-    let of_workspace = ["clippy", "--workspace", "--all-targets", "--features", "needle-guide/extension"];
-    // The module is for the stable interface of Python, and no interpreter is needed to compile it.
-    let without_python = [("PYO3_NO_PYTHON", "1"), ("PYO3_BUILD_EXTENSION_MODULE", "1")];
-    cargo_with(&[&of_workspace[..], &["--", "-D", "warnings"]].concat(), &without_python)
+    cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])
 }
 
-/// Checks of the second tier: documentation, the firmware's images, manual and licences.
+/// Checks of the second tier: the Python module, documentation, the firmware's images, manual and licences.
 ///
 /// # Errors
 /// Where there is anything to complain about.
 pub fn rest() -> Result<()> {
+    let python_module = ["clippy", "--workspace", "--all-targets", "--features", "needle-guide/extension"];
+    // The module is for the stable interface of Python, and no interpreter is needed to compile it.
+    let without_python = [("PYO3_NO_PYTHON", "1"), ("PYO3_BUILD_EXTENSION_MODULE", "1")];
+    cargo_with(&[&python_module[..], &["--", "-D", "warnings"]].concat(), &without_python)?;
     cargo_with(&["doc", "--workspace", "--no-deps", "--lib"], &[("RUSTDOCFLAGS", "-D warnings")])?;
     IMAGES.into_iter().try_for_each(image)?;
     // The programs as the demonstration builds them.

@@ -3,7 +3,7 @@
 //!
 //! | | first tier | second tier |
 //! |---|---|---|
-//! | checks | format, clippy of the host; the image builds without warnings | documentation, clippy of the images, compiling for Windows, manual, licences |
+//! | checks | format, clippy of the host; the image builds without warnings | documentation, clippy of the Python module and of the images, compiling for Windows, manual, licences |
 //! | host | every test but those of the second column | studies in small, examples in documentation, Python |
 //! | firmware | protocol in QEMU; every hazard, the procedure and the link end to end | the second board, instructions of control core and online estimator, peers, steering, bring-up, sequences, sizes of the images |
 //!
