@@ -105,7 +105,7 @@ impl Analyses {
         let of_diagnosis = diagnose::Options {
             given: model.effects(),
             discrepancy: model.discrepancy.clone(),
-            draws: options.draws,
+            draws: Some(options.draws.unwrap_or(DrawOptions::FIGURE)),
             foundation: session.tissue.foundation.into(),
             poisson: session.tissue.poisson.unwrap_or(diagnose::INCOMPRESSIBLE),
             ..diagnose::Options::default()

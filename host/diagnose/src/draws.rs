@@ -116,29 +116,6 @@ impl<'a> Deviations<'a> {
         }
     }
 
-    /// Adds draws from the priors of a model: of its modulus under `modulus`, of its tip load and of its effects.
-    pub fn add_prior(&self, own: &Fitted, modulus: &str, draws: &mut Draws) {
-        let parameters = own.layout.parameters(own.values());
-        let mut random = Random::new(self.options.seed, PRIOR);
-        let count = self.options.count();
-        if let Some(first) = parameters.first() {
-            draws.scalar(Group::Prior, modulus, kpa(prior_draws(first, count, &mut random)));
-        }
-        if let Some(load) = own.layout.load().and_then(|place| parameters.get(place)) {
-            draws.scalar(Group::Prior, "tip_load_n", prior_draws(load, count, &mut random));
-        }
-        for (index, effect) in own.layout.effects.iter().enumerate() {
-            for (number, info) in effect.parameters().iter().enumerate() {
-                if let Some(parameter) = parameters.get(own.layout.first_of(index) + number) {
-                    let scale = Scale::of(info);
-                    let values = prior_draws(parameter, count, &mut random).into_iter();
-                    let values = values.map(|inside| scale.outside(inside)).collect();
-                    draws.scalar(Group::Prior, &parameter_name(*effect, info.name), values);
-                }
-            }
-        }
-    }
-
     /// Adds which model each draw has, and what the models are.
     fn add_models(&self, draws: &mut Draws) {
         let names = self.models.iter().enumerate().map(|(number, (_, fitted))| {
@@ -186,8 +163,26 @@ fn kpa(ln_pa: Vec<f64>) -> Vec<f64> {
     ln_pa.into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect()
 }
 
-fn prior_draws(parameter: &Parameter, count: usize, random: &mut Random) -> Vec<f64> {
-    (0..count).map(|_| from_prior(parameter, random)).collect()
+/// Adds parameters of a model that were drawn from their priors: its modulus under `modulus`, its tip load and those of its effects.
+fn add_prior_parameters(own: &Fitted, modulus: &str, drawn_values: &[Vec<f64>], draws: &mut Draws) {
+    let of_place = |place: usize| -> Option<Vec<f64>> {
+        drawn_values.iter().map(|values| values.get(place).copied()).collect()
+    };
+    if let Some(ln_pa) = of_place(0) {
+        draws.scalar(Group::Prior, modulus, kpa(ln_pa));
+    }
+    if let Some(load) = own.layout.load().and_then(of_place) {
+        draws.scalar(Group::Prior, "tip_load_n", load);
+    }
+    for (index, effect) in own.layout.effects.iter().enumerate() {
+        for (number, info) in effect.parameters().iter().enumerate() {
+            if let Some(values) = of_place(own.layout.first_of(index) + number) {
+                let scale = Scale::of(info);
+                let values = values.into_iter().map(|inside| scale.outside(inside)).collect();
+                draws.scalar(Group::Prior, &parameter_name(*effect, info.name), values);
+            }
+        }
+    }
 }
 
 /// From a normal prior within the range of the parameter.
@@ -291,8 +286,10 @@ impl Sources<'_> {
             }
         }
         deviations.add_stated(chosen_fit, &mut draws);
-        deviations.add_prior(chosen_fit, if is_body { "youngs_modulus_kpa" } else { "k_kpa" }, &mut draws);
-        Readings { runs: self.runs, patterns: self.patterns }.add(&deviations, READINGS, &mut draws)?;
+        let readings = Readings { runs: self.runs, patterns: self.patterns };
+        let modulus = if is_body { "youngs_modulus_kpa" } else { "k_kpa" };
+        readings.add_prior(chosen_fit, modulus, &mut draws)?;
+        readings.add(&deviations, READINGS, &mut draws)?;
         Ok(draws)
     }
 

@@ -135,8 +135,9 @@ impl ModulusDraws {
         let mut draws = Draws::new(options, "guide identify");
         fitted.layout.effects.iter().for_each(|effect| drawn.add_effect(*effect, &mut draws));
         drawn.add_stated(&fitted, &mut draws);
-        drawn.add_prior(&fitted, modulus, &mut draws);
-        Readings { runs: &start.runs, patterns: &start.patterns }.add(&drawn, READINGS, &mut draws)?;
+        let readings = Readings { runs: &start.runs, patterns: &start.patterns };
+        readings.add_prior(&fitted, modulus, &mut draws)?;
+        readings.add(&drawn, READINGS, &mut draws)?;
         Ok(Self { standard_ln: drawn.standard_ln_modulus(), draws })
     }
 }

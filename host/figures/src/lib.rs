@@ -17,21 +17,25 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+mod calibration;
 mod cubes;
 mod diagnosis;
 mod displacement;
 mod insertion;
 mod lateral;
 mod populations;
+mod predictive;
 mod steered;
 mod steering;
 
+pub use calibration::{CalibrationPanel, calibration};
 pub use cubes::cubes;
 pub use diagnosis::{gap, ranking, residuals};
 pub use displacement::{Displacement, displacement};
 pub use insertion::insertion;
 pub use lateral::{force, run_residuals};
 pub use populations::population;
+pub use predictive::predictive;
 pub use steered::{Steered, steered_path, steered_target};
 pub use steering::{field, steering};
 

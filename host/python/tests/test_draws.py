@@ -45,6 +45,11 @@ def test_arviz_opens_the_draws_of_a_command(
         assert data.posterior_predictive[name].dims == ("chain", "draw", *observed.dims)
         assert data.log_likelihood[name].shape[2:] == observed.shape
         assert np.isfinite(data.log_likelihood[name]).all()
+        if command != "predict":
+            # Before the data less is known of every reading than with them.
+            before, after = data.prior_predictive[name], data.posterior_predictive[name]
+            assert before.dims == after.dims
+            assert float(before.std(("chain", "draw")).mean()) > float(after.std(("chain", "draw")).mean())
     # A thousand draws: four standard deviations of a share of 95 % are 2.8 %.
     if command == "predict":
         for one in found["insertions"]:

@@ -26,6 +26,9 @@ pub struct DrawOptions {
 }
 
 impl DrawOptions {
+    /// As many as the ends of a band in a figure need: their share of the draws, a fortieth, is known to half of it.
+    pub const FIGURE: Self = Self { chains: 1, draws: 200, seed: 1 };
+
     /// Number of draws in all chains.
     pub fn count(&self) -> usize {
         self.chains * self.draws
@@ -41,6 +44,8 @@ pub enum Group {
     Prior,
     /// Readings as they could have been.
     PosteriorPredictive,
+    /// Readings as they were to be expected without the data.
+    PriorPredictive,
     /// Logarithm of the density of every reading.
     LogLikelihood,
     /// Readings as they are.
@@ -58,6 +63,7 @@ impl Group {
             Self::Posterior => "posterior",
             Self::Prior => "prior",
             Self::PosteriorPredictive => "posterior_predictive",
+            Self::PriorPredictive => "prior_predictive",
             Self::LogLikelihood => "log_likelihood",
             Self::ObservedData => "observed_data",
             Self::ConstantData => "constant_data",

@@ -14,6 +14,7 @@ use inference::diagnose::{
     Diagnosis, Estimate, FoundEffect, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options, RemainingSize,
     check, diagnose,
 };
+use inference::draws::DrawOptions;
 use inference::walls::WallsResult;
 use mechanics::effects::{Effect, all, effect};
 use std::fmt::{self, Display};
@@ -41,7 +42,8 @@ pub struct Args {
     /// Write the model with what was added to this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Draw residuals before and after, the ranking and the misfit as SVG files into this folder
+    /// Draw residuals before and after, the ranking, the misfit, and the forces beside their predictions before and with the data as SVG files
+    /// into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
     /// Write the result as JSON to this file: the document that --json prints, beside the text
@@ -84,7 +86,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         seed: args.seed,
         discovery: !args.no_discovery,
         left_out: args.leave_out.clone(),
-        draws: args.draws.options(args.seed),
+        draws: args.draws.options(args.seed).or(args.plots.as_ref().map(|_| DrawOptions::FIGURE)),
         plans: Vec::new(),
         foundation: args.tissue.foundation.unwrap_or_else(|| session.tissue.foundation.into()),
         poisson: args.tissue.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
@@ -111,6 +113,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             figures_file(folder, "gap", &figures::gap(gap)?, out)?;
         }
         figures_file(folder, "ranking", &figures::ranking(&diagnosis)?, out)?;
+        if let Some(svg) = diagnosis.draws.as_ref().map(figures::predictive).transpose()?.flatten() {
+            figures_file(folder, "predictive", &svg, out)?;
+        }
     }
     if let Some(path) = &args.json_out {
         write_json(path, &diagnosis)?;

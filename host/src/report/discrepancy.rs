@@ -89,8 +89,17 @@ pub(super) fn section(outcome: &Outcome<Diagnosis>) -> Section {
             blocks.extend(gap(of_gap));
         }
         blocks.extend(ranking(found));
+        blocks.extend(predictive(found));
         blocks
     })
+}
+
+/// Forces beside what the final model predicts of them.
+fn predictive(found: &Diagnosis) -> Option<Block> {
+    let drawn = figures::predictive(found.draws.as_ref()?).transpose()?;
+    let caption = "Forces as measured, as predicted before the data (grey, cut off at the edges) and with them (blue), 95 % bands; \
+                   a model that fits has 19 of 20 dots in the blue band";
+    Some(Block::figure(caption, drawn))
 }
 
 /// Summary of the diagnosis, in sentences.

@@ -52,6 +52,10 @@ pub fn diagnosis(found: &Diagnosis) -> Result<Vec<Figure>, FigureError> {
     }
     let title = "Log evidence of the leading effects over the starting model".to_owned();
     drawn.push(Figure::new("ranking".to_owned(), title, figures::ranking(found)?));
+    if let Some(svg) = found.draws.as_ref().map(figures::predictive).transpose()?.flatten() {
+        let title = "Forces as measured, and as predicted before the data and with them".to_owned();
+        drawn.push(Figure::new("predictive".to_owned(), title, svg));
+    }
     Ok(drawn)
 }
 

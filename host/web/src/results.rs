@@ -5,6 +5,7 @@ use crate::drawing::{self, Figure};
 use formats::model_file::ModelFile;
 use formats::session::{FoundationKind, Session};
 use inference::diagnose::{self, Diagnosis, INCOMPRESSIBLE, Trial, Workbench, diagnose};
+use inference::draws::DrawOptions;
 use inference::identify::{self, YoungsMethod, identify};
 use inference::predict::{self, predict};
 use mechanics::continuum::Contact;
@@ -131,6 +132,7 @@ fn diagnose_options(session: &Session) -> diagnose::Options {
     diagnose::Options {
         foundation: session.tissue.foundation.into(),
         poisson: session.tissue.poisson.unwrap_or(INCOMPRESSIBLE),
+        draws: Some(DrawOptions::FIGURE),
         ..diagnose::Options::default()
     }
 }

@@ -11,9 +11,11 @@
 //! | [`nesting`] | intervals of nested sessions | drawn values |
 //! | [`mod@steer`] | steering to a target | a needle of its own, `worlds::steering` |
 //! | [`diagnose`] | the diagnosis | an independent generator, `worlds` |
+//! | [`calibration`] | posteriors: whether the truth lies among draws as chance has it | independent generators |
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod calibration;
 pub mod diagnose;
 pub mod layers;
 pub mod nesting;

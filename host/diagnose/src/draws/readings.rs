@@ -6,12 +6,12 @@
 //! cross-validation for Bayesian non-factorized normal and Student-t models", Computational Statistics 36:1243, 2021); it is
 //! that of whitened readings.
 
-use super::Deviations;
+use super::{Deviations, MAX_TRIES, PRIOR, add_prior_parameters, from_prior};
 use crate::data::{Channel, Datum};
 use crate::evidence::Patterns;
 use crate::layout::Prepared;
 use crate::posterior::{Fitted, jacobian, residuals};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use readings::FitError;
 use readings::draws::{Draws, Group, Random};
 
@@ -50,7 +50,41 @@ impl Readings<'_> {
             }
         }
         for (run, [predicted, likely]) in self.runs.iter().zip(&run_values) {
-            add_run(run, predicted, likely, draws);
+            add_run(run, [(Group::PosteriorPredictive, predicted), (Group::LogLikelihood, likely)], draws);
+        }
+        Ok(())
+    }
+
+    /// Adds parameters of a model from their priors, its modulus under `modulus`, and the readings that it predicts with them, discrepancy of everyday
+    /// sizes and noise. The model itself is evaluated for each draw: priors are too wide for its linear form.
+    ///
+    /// # Errors
+    /// [`FitError`] where the model has a solution for none of many draws.
+    pub fn add_prior(&self, own: &Fitted, modulus: &str, draws: &mut Draws) -> Result<(), FitError> {
+        let options = draws.options();
+        let mut random = Random::new(options.seed, PRIOR);
+        let parameters = own.layout.parameters(own.values());
+        let mut drawn_values = Vec::with_capacity(options.count());
+        let mut white: Vec<DMatrix<f64>> =
+            self.runs.iter().map(|run| DMatrix::zeros(run.run.data.len(), options.count())).collect();
+        for number in 0..options.count() {
+            let solved = (0..MAX_TRIES).find_map(|_| {
+                let values: Vec<f64> = parameters.iter().map(|one| from_prior(one, &mut random)).collect();
+                Some((residuals(&own.layout, self.runs, &values).ok()?, values))
+            });
+            let (of_runs, values) = solved.ok_or(FitError::NotFinite)?;
+            for (white, of_run) in white.iter_mut().zip(of_runs) {
+                white.set_column(number, &DVector::from_vec(of_run));
+            }
+            drawn_values.push(values);
+        }
+        add_prior_parameters(own, modulus, &drawn_values, draws);
+        let inverse = self.patterns.inverse(&self.patterns.everyday()).ok_or(FitError::Undetermined)?;
+        let amplitudes = DMatrix::from_fn(inverse.count(), options.count(), |_, _| random.normal());
+        let discrepancy = inverse.of_amplitudes(&amplitudes);
+        for ((run, white), discrepancy) in self.runs.iter().zip(white).zip(discrepancy) {
+            let predicted = predicted(run, white - discrepancy, &mut random);
+            add_run(run, [(Group::PriorPredictive, &predicted)], draws);
         }
         Ok(())
     }
@@ -89,21 +123,30 @@ impl Readings<'_> {
             for (mut row, own) in weighted.row_iter_mut().zip(diagonal.iter()) {
                 row.apply(|g| *g = 0.5 * (own.ln() - ln_two_pi - *g * *g / own));
             }
-            let mut predicted = white - discrepancy;
-            for mut column in predicted.column_iter_mut() {
-                column.apply(|value| *value -= random.normal());
-                run.whitener.undo(column.as_mut_slice());
-                let data = run.run.data.iter();
-                column.iter_mut().zip(data).for_each(|(value, datum)| *value = datum.measured - *value);
-            }
-            run_values.push([predicted, weighted]);
+            run_values.push([predicted(run, white - discrepancy, random), weighted]);
         }
         Ok(run_values)
     }
 }
 
-/// Adds the channels of a run.
-fn add_run(run: &Prepared, predicted: &DMatrix<f64>, likely: &DMatrix<f64>, draws: &mut Draws) {
+/// Readings of a run from whitened distances between measurement and model, noise added.
+fn predicted(run: &Prepared, white: DMatrix<f64>, random: &mut Random) -> DMatrix<f64> {
+    let mut predicted = white;
+    for mut column in predicted.column_iter_mut() {
+        column.apply(|value| *value -= random.normal());
+        run.whitener.undo(column.as_mut_slice());
+        let data = run.run.data.iter();
+        column.iter_mut().zip(data).for_each(|(value, datum)| *value = datum.measured - *value);
+    }
+    predicted
+}
+
+/// Adds groups of the channels of a run, each with one row of the matrix per reading.
+fn add_run<'m>(
+    run: &Prepared,
+    groups: impl IntoIterator<Item = (Group, &'m DMatrix<f64>)> + Clone,
+    draws: &mut Draws,
+) {
     let of_reference = if run.run.is_reference { "reference." } else { "" };
     for channel in Channel::ALL {
         let of_channel: Vec<(usize, &Datum)> =
@@ -114,9 +157,8 @@ fn add_run(run: &Prepared, predicted: &DMatrix<f64>, likely: &DMatrix<f64>, draw
         let dimension = format!("{of_reference}{}.{}", run.run.id, channel.name());
         let name = format!("{dimension}_{}", channel.unit().to_lowercase());
         draws.coordinate(&dimension, (0..of_channel.len()).map(|number| number as f64).collect());
-        for (group, columns, scale) in
-            [(Group::PosteriorPredictive, predicted, channel.per_si()), (Group::LogLikelihood, likely, 1.0)]
-        {
+        for (group, columns) in groups.clone() {
+            let scale = if group == Group::LogLikelihood { 1.0 } else { channel.per_si() };
             let rows =
                 columns.column_iter().map(|draw| of_channel.iter().map(|(i, _)| scale * draw[*i]).collect());
             draws.list(group, &name, &dimension, rows.collect());

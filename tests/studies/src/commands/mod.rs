@@ -2,6 +2,7 @@
 
 pub mod blocks;
 pub mod bodies;
+pub mod calibration;
 pub mod characterize;
 pub mod clean;
 pub mod diagnosis;
