@@ -14,14 +14,17 @@
 mod acting;
 mod apply;
 mod form;
+mod formula;
 mod law;
+mod regressor;
 mod site;
 
 pub use acting::ActingLaw;
 pub(crate) use acting::Shifts;
 pub use form::Form;
 pub use law::{DefineError, FunctionOf, Law, OwnFunction, OwnLaw, define, grammar, own, term};
-pub use site::{Regressor, Scope, Site};
+pub use regressor::Regressor;
+pub use site::{Scope, Site};
 
 /// Conditions under which a needle is solved, beside rig and tissue.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
