@@ -8,6 +8,10 @@
 //! posterior of everything unknown and the error of the model, later by the error of the model alone, since readings up to there
 //! will tell the rest and the guide can still be moved.
 
+mod limit;
+
+pub(crate) use limit::Limit;
+
 use crate::clamp::ClampShare;
 use crate::estimator::Hypothesis;
 use crate::history::History;
@@ -18,7 +22,6 @@ use mechanics::ModelError;
 use mechanics::growth::TipState;
 use mechanics::inner::{Influence, Inner};
 use nalgebra::DMatrix;
-use std::fmt;
 
 /// Quantile of the standard normal distribution at 0.999, the probability with which a limit holds at a stop.
 const QUANTILE: f64 = 3.09;
@@ -38,46 +41,6 @@ const BENT_AT_M: [f64; 4] = [0.010, 0.020, 0.035, 0.055];
 const COMPRESSED_AT_M: [f64; 3] = [0.0, 0.010, 0.025];
 /// Radius of the needle where none is stated, m: 18 gauge.
 const RADIUS_M: f64 = 0.635e-3;
-
-/// Limit of a plan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Limit {
-    /// Bending strain of the needle.
-    Strain,
-    /// Lateral force of guide 2.
-    Force,
-    /// Compression of the tissue by the needle.
-    Compression,
-    /// Travel of guide 2.
-    Travel,
-    /// The largest move at one stop.
-    LargestMove,
-}
-
-impl Limit {
-    /// Its name in results.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Strain => "strain",
-            Self::Force => "force",
-            Self::Compression => "compression",
-            Self::Travel => "travel",
-            Self::LargestMove => "largest_move",
-        }
-    }
-}
-
-impl fmt::Display for Limit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Strain => "the limit of the needle's strain",
-            Self::Force => "the force limit of guide 2",
-            Self::Compression => "the limit of the tissue's compression",
-            Self::Travel => "the travel of guide 2",
-            Self::LargestMove => "the largest move at one stop",
-        })
-    }
-}
 
 /// Limits of what is inside, SI; nothing where none is stated.
 #[derive(Debug, Clone, Copy)]
