@@ -87,10 +87,9 @@ impl ForceChannel {
 
     /// Whether a channel repeats an earlier reading to the last bit, which is rare for a converter with noise of many codes.
     fn repeats(&self, codes: [i32; 2]) -> bool {
-        let same = |code: i32, before: i32| code.saturating_sub(before).saturating_abs() <= REPEATED_CODES;
         self.codes
             .iter()
-            .any(|before| codes.into_iter().zip(*before).any(|(code, before)| same(code, before)))
+            .any(|earlier| codes.into_iter().zip(*earlier).any(|(code, earlier)| repeats_code(code, earlier)))
     }
 
     fn count(&mut self, fault: ForceFault) {
@@ -192,6 +191,10 @@ impl ForceChannel {
     pub fn zero_counts(&self) -> [i32; 2] {
         self.zero_counts
     }
+}
+
+fn repeats_code(code: i32, earlier: i32) -> bool {
+    code.saturating_sub(earlier).saturating_abs() <= REPEATED_CODES
 }
 
 #[cfg(test)]

@@ -222,17 +222,17 @@ impl Interlock {
     ) -> StopCauses {
         // Every kind of evidence is updated in every period, independent of the others. A missing reading is no evidence of a
         // load.
-        let beyond = |counts: [i32; 2], limit_mn: u32| {
+        let exceeds = |counts: [i32; 2], limit_mn: u32| {
             force.is_fresh()
                 && counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
         };
         let over_range = self
             .over_range
-            .note(beyond(force.absolute_counts(), calibration.force_range_mn()), FORCE_READINGS);
+            .note(exceeds(force.absolute_counts(), calibration.force_range_mn()), FORCE_READINGS);
         // The force from the calibration's zero is compared too, so that no tare lets more than the limit act on the cell.
         let over_limit = self.over_limit.note(
-            beyond(force.relative_counts(), self.limits.force_mn)
-                || (beyond(force.absolute_counts(), self.limits.force_mn)
+            exceeds(force.relative_counts(), self.limits.force_mn)
+                || (exceeds(force.absolute_counts(), self.limits.force_mn)
                     && !Mutation::LimitFromTare.is_out()),
             FORCE_READINGS,
         );

@@ -36,7 +36,6 @@ impl Profile {
         if remaining_s <= 0.0 {
             return (1.0, 0.0);
         }
-        let ramp_um = |time_s: f32| 0.5 * ACCELERATION_UM_S2 * time_s * time_s;
         let (covered_um, speed_um_s) = if elapsed_s < self.ramp_s {
             (ramp_um(elapsed_s), ACCELERATION_UM_S2 * elapsed_s)
         } else if remaining_s < self.ramp_s {
@@ -46,6 +45,11 @@ impl Profile {
         };
         (covered_um / self.length_um, speed_um_s)
     }
+}
+
+/// Distance of an acceleration from rest, micrometres.
+fn ramp_um(time_s: f32) -> f32 {
+    0.5 * ACCELERATION_UM_S2 * time_s * time_s
 }
 
 #[cfg(test)]

@@ -53,6 +53,11 @@ pub struct ProgramProgress {
     pub retreated: bool,
 }
 
+/// Whether a duration or a speed is positive and within its limit.
+fn check_range(value: u32, limit: u32) -> Result<(), Refusal> {
+    if (1..=limit).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange) }
+}
+
 /// A straight line between two positions.
 #[derive(Debug, Clone, Copy)]
 struct Path {
@@ -132,9 +137,6 @@ impl Executor {
             return Err(Refusal::Busy);
         }
         self.travel_um = travel_um as f32;
-        let within = |value: u32, limit: u32| {
-            if (1..=limit).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange) }
-        };
         let travel = -travel_um..=travel_um;
         let reachable = |x_um, y_um| match travel.contains(&x_um) && travel.contains(&y_um) {
             true => Ok(()),
@@ -143,13 +145,13 @@ impl Executor {
         match step {
             Step::Move { x_um, y_um, speed_um_s } => {
                 reachable(x_um, y_um)?;
-                within(speed_um_s, SPEED_LIMIT_UM_S)?;
+                check_range(speed_um_s, SPEED_LIMIT_UM_S)?;
             }
-            Step::Hold { duration_ms } => within(duration_ms, DURATION_LIMIT_MS)?,
-            Step::Tare { duration_ms } => within(duration_ms, TARE_LIMIT_MS)?,
+            Step::Hold { duration_ms } => check_range(duration_ms, DURATION_LIMIT_MS)?,
+            Step::Tare { duration_ms } => check_range(duration_ms, TARE_LIMIT_MS)?,
             Step::Ramp { x_um, y_um, duration_ms } => {
                 reachable(x_um, y_um)?;
-                within(duration_ms, DURATION_LIMIT_MS)?;
+                check_range(duration_ms, DURATION_LIMIT_MS)?;
             }
         }
         *self.steps.get_mut(usize::from(index)).ok_or(Refusal::OutOfRange)? = step;

@@ -90,24 +90,29 @@ pub struct NextSlot {
     pub sequence: u32,
 }
 
+fn is_erased(stored: &[u8; STORED_BYTES]) -> bool {
+    stored.iter().all(|byte| *byte == ERASED)
+}
+
+/// Sequence number and calibration of a slot, if both are valid.
+fn read(stored: &[u8; STORED_BYTES]) -> Option<(u32, Calibration)> {
+    let (record, sequence) = from_stored(stored)?;
+    Some((sequence, Calibration::new(record).ok()?))
+}
+
 /// The newest sound calibration.
 pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> SlotChoice {
-    let erased = |stored: &[u8; STORED_BYTES]| stored.iter().all(|byte| *byte == ERASED);
-    let read = |stored: &[u8; STORED_BYTES]| {
-        let (record, sequence) = from_stored(stored)?;
-        Some((sequence, Calibration::new(record).ok()?))
-    };
     let sound = slots.iter().enumerate().filter_map(|(slot, stored)| {
         let (sequence, calibration) = read(stored)?;
         Some((slot, sequence, calibration))
     });
     if let Some((slot, sequence, calibration)) = sound.max_by_key(|(_, sequence, _)| *sequence) {
         let next = NextSlot { slot: (slot + 1) % SLOTS, sequence: sequence.saturating_add(1) };
-        let explained = slots.iter().all(|stored| erased(stored) || read(stored).is_some());
+        let explained = slots.iter().all(|stored| is_erased(stored) || read(stored).is_some());
         let origin = if explained { Origin::Stored } else { Origin::Earlier };
         return SlotChoice { calibration, origin, next };
     }
-    let damaged = slots.iter().position(|stored| !erased(stored));
+    let damaged = slots.iter().position(|stored| !is_erased(stored));
     let origin = if damaged.is_none() { Origin::Nominal } else { Origin::Lost };
     // The next record replaces the damaged slot, because a damaged slot beside it might count as the newer one.
     let next = NextSlot { slot: damaged.unwrap_or(0), sequence: 1 };

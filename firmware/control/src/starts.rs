@@ -46,13 +46,17 @@ fn from_stored(stored: &[u8]) -> Option<u32> {
     (complement == !count && count < NUMBERS).then_some(count)
 }
 
+/// The largest number in a page.
+fn largest(page: &[u8; PAGE_BYTES]) -> Option<u32> {
+    page.chunks_exact(ENTRY_BYTES).filter_map(from_stored).max()
+}
+
 /// The number of this start.
 pub fn next(pages: &[[u8; PAGE_BYTES]; PAGES]) -> NextStart {
     let [first, second] = pages;
-    let greatest = |page: &[u8; PAGE_BYTES]| page.chunks_exact(ENTRY_BYTES).filter_map(from_stored).max();
     // The numbers wrap, long after the flash has worn out.
-    let count = greatest(first).max(greatest(second)).map_or(0, |count| (count + 1) % NUMBERS);
-    let (page, bytes) = if greatest(second) > greatest(first) { (1, second) } else { (0, first) };
+    let count = largest(first).max(largest(second)).map_or(0, |count| (count + 1) % NUMBERS);
+    let (page, bytes) = if largest(second) > largest(first) { (1, second) } else { (0, first) };
     // The number is written behind all used bytes, those of a power cut included.
     let used_entries = bytes
         .chunks_exact(ENTRY_BYTES)

@@ -10,14 +10,14 @@ use protocol::{TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, Tare, TareProblem, UNIQUE
 /// force; a force that still settles gives a zero that is not repeatable.
 pub fn problem(tare: &Tare, range_mn: u32, periods_per_s: f64) -> Option<TareProblem> {
     let range = f64::from(counts_of_mn(range_mn));
-    let beyond = |counts: f64, percent: u32| counts.abs() > range * f64::from(percent) * 1e-2;
+    let exceeds = |counts: f64, percent: u32| counts.abs() > range * f64::from(percent) * 1e-2;
     let lasted_s = f64::from(tare.periods) / periods_per_s;
-    if tare.zero_counts.iter().any(|zero| beyond(f64::from(*zero), TARE_ZERO_PERCENT)) {
+    if tare.zero_counts.iter().any(|zero| exceeds(f64::from(*zero), TARE_ZERO_PERCENT)) {
         Some(TareProblem::FarFromZero)
     } else if tare
         .drift_counts_per_s
         .iter()
-        .any(|drift| beyond(f64::from(*drift) * lasted_s, TARE_CHANGE_PERCENT))
+        .any(|drift| exceeds(f64::from(*drift) * lasted_s, TARE_CHANGE_PERCENT))
     {
         Some(TareProblem::Settling)
     } else {

@@ -109,17 +109,17 @@ fn refuses_what_is_beyond_its_limits_and_what_adds_up() {
     assert_eq!(at_end(9_800.0, [true; 2]), Err(Refusal::OutOfTravel));
     assert_eq!(at_end(-9_990.0, [false; 2]), Ok(()));
     let mut pulser = Pulser::new([0; 2]);
-    let mut all = |duty_permille, proven| {
+    let mut pulsed = |duty_permille, proven| {
         let pulse = Pulse { duty_permille, ..PULSE };
         let begun = pulser.begin(pulse, [0.0; 2], 10_000.0, [proven; 2]);
         while pulser.step(&Sample::default()).is_some() {}
         begun
     };
-    assert_eq!(all(350, false), Ok(()));
-    assert_eq!(all(350, false), Err(Refusal::OutOfTravel));
-    assert_eq!(all(350, true), Ok(()));
-    assert_eq!([all(-350, false), all(-350, false), all(-350, false)], [Ok(()); 3]);
-    assert_eq!(all(-350, false), Err(Refusal::OutOfTravel));
+    assert_eq!(pulsed(350, false), Ok(()));
+    assert_eq!(pulsed(350, false), Err(Refusal::OutOfTravel));
+    assert_eq!(pulsed(350, true), Ok(()));
+    assert_eq!([pulsed(-350, false), pulsed(-350, false), pulsed(-350, false)], [Ok(()); 3]);
+    assert_eq!(pulsed(-350, false), Err(Refusal::OutOfTravel));
     // One that a restart cuts short counts in full.
     let mut pulser = Pulser::new([0; 2]);
     pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]).expect("begins");

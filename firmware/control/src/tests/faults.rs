@@ -210,12 +210,12 @@ fn a_silent_host_ends_a_program_and_only_a_program() {
 #[test]
 fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     let mut bench = Bench::new();
-    let mut kept = |what: &mut dyn FnMut(&mut Bench)| {
+    let mut fault_after = |act: &mut dyn FnMut(&mut Bench)| {
         bench.run(&[Step::Hold { duration_ms: 6_000 }]);
         bench.request_periods = 0;
         for _ in 0..5 {
             bench.periods(700);
-            what(&mut bench);
+            act(&mut bench);
         }
         let fault = bench.controller.interlock.latched();
         bench.command(Request::ClearFault).expect("it speaks");
@@ -223,11 +223,11 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
         fault
     };
     let mut other_conversation = 0;
-    let refused = kept(&mut |bench| {
+    let refused = fault_after(&mut |bench| {
         let status = Command { id: 1, connection: 77, request: Request::Status };
         assert_eq!(bench.answer(status), Err(Refusal::OtherBoot));
     });
-    let other_keeps_alive = kept(&mut |bench| {
+    let other_keeps_alive = fault_after(&mut |bench| {
         if other_conversation == 0 {
             other_conversation = bench.controller.conversation.begin();
         }
@@ -238,14 +238,14 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
             .expect("a valid token");
     });
     let mut hellos = 0;
-    let hello = kept(&mut |bench| {
+    let hello = fault_after(&mut |bench| {
         // More of them would take the place of its own connection.
         hellos += 1;
         if hellos <= 2 {
             bench.answer(Command { id: 0, connection: 0, request: Request::Hello }).expect("always");
         }
     });
-    let its_own = kept(&mut |bench| bench.command(Request::Status).expect("answered"));
+    let its_own = fault_after(&mut |bench| bench.command(Request::Status).expect("answered"));
     let silent = Some(Fault::HostSilent);
     assert_eq!([refused, other_keeps_alive, hello, its_own], [silent, silent, silent, None]);
 }
