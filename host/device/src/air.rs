@@ -1,4 +1,4 @@
-//! Runs in air, by which `guide characterize` measures the rig: the motion programs of one axis each.
+//! Motion programs of the runs in air with which `guide characterize` measures the rig; each moves one axis.
 
 use crate::link::program::{PlannedStep, Program, milliseconds, move_to};
 use protocol::Step;
@@ -7,7 +7,8 @@ use protocol::Step;
 /// from both sides, on both sides of zero, and the run begins and ends at zero.
 const SHARES: [f64; 16] =
     [0.0, 0.05, 0.15, 0.5, 1.0, 0.5, 0.15, 0.05, 0.0, -0.05, -0.15, -0.5, -1.0, -0.5, -0.15, -0.05];
-/// Reach of a run, millimetres: its smallest level must lie within the play of a rig, its largest one load it.
+/// Range of a run's largest level, millimetres: the smallest level has to lie within the play of a rig, and the largest has to
+/// load the rig.
 pub const REACH_MM: [f64; 2] = [1.0, 6.0];
 /// Force at the largest level, newtons, where the reach follows from the needle.
 const FORCE_N: f64 = 1.0;
@@ -43,17 +44,18 @@ impl Axis {
     }
 }
 
-/// Reach for a needle of this stiffness at guide 2 (newtons per metre), millimetres: that at which it presses with 1 N, within bounds.
+/// Largest level for a needle of this stiffness at guide 2 (newtons per metre), millimetres: the displacement at which it
+/// presses with 1 N, within bounds.
 pub fn reach_mm(stiffness_n_per_m: f64) -> f64 {
     let [least_mm, _] = REACH_MM;
     // `max` and `min` pass a number by where the stiffness is none.
     (1e3 * FORCE_N / stiffness_n_per_m).min(LARGEST_MM).max(least_mm)
 }
 
-/// Program that comes before each run and is not recorded: home, and a tare there.
+/// Program before each run, which is not recorded: home, and a tare there.
 ///
 /// # Errors
-/// What was expected of a constant that is none of the device's.
+/// A message with the valid range, for a constant that the device does not accept.
 pub fn tare_program() -> Result<Program, &'static str> {
     let steps = [
         move_to([0.0; 2], SPEED_MM_S)?,
@@ -67,7 +69,7 @@ pub fn tare_program() -> Result<Program, &'static str> {
 /// A run along one axis: a hold at each level, with a sweep of the shape at zero and at the extremes.
 ///
 /// # Errors
-/// What was expected of a reach that the device cannot have.
+/// A message with the valid range, for a level that the device does not accept.
 pub fn run_program(axis: Axis, reach_mm: f64) -> Result<Program, &'static str> {
     let hold = Step::Hold { duration_ms: milliseconds(HOLD_S)? };
     let mut steps = Vec::new();
@@ -83,7 +85,7 @@ pub fn run_program(axis: Axis, reach_mm: f64) -> Result<Program, &'static str> {
     Ok(Program { name: format!("in air, {}", axis.name()), steps })
 }
 
-/// When the programs of these runs start, one after the other, where the first has a stated time.
+/// Start times of consecutive programs, if the first one has a stated time.
 ///
 /// A program that starts at a stated time of the device's clock makes the same motion at the same time whenever the host sends it. Each
 /// start is a whole second, late enough for the program before it to have ended.
@@ -94,12 +96,12 @@ pub struct Timetable {
 }
 
 impl Timetable {
-    /// From this time of the device's clock on, seconds; without one each program starts at once.
+    /// Starts at this time of the device's clock, seconds; `None`: each program starts at once.
     pub fn new(at_s: Option<f64>) -> Self {
         Self { next_s: at_s, from_mm: FARTHEST_MM }
     }
 
-    /// When the next program starts, seconds; nothing for at once.
+    /// Start time of the next program, seconds; `None` for at once.
     pub fn start_s(&mut self, program: &Program) -> Option<f64> {
         let start_s = self.next_s?;
         let longest_s: f64 = program.steps.iter().map(|planned| self.longest_s(&planned.step)).sum();

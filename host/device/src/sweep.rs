@@ -14,7 +14,7 @@ use std::sync::mpsc::{self, TryRecvError};
 /// Largest output of a sweep command, bytes.
 const OUTPUT_LIMIT: u64 = 16 << 20;
 
-/// Why there is no sweep.
+/// Reason for which there is no sweep.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum SweepError {
     /// The command cannot be started.
@@ -35,7 +35,7 @@ pub enum SweepError {
         /// The last line of its standard error.
         last_line: String,
     },
-    /// Its output is no sweep.
+    /// Its output is not a sweep.
     #[error(transparent)]
     Output(Arc<SessionError>),
     /// A frames command did not print where its frames are.
@@ -157,7 +157,7 @@ impl<T: Send + 'static> SweepTask<T> {
         Ok(Self(receiver))
     }
 
-    /// The sweep if it is complete, else the task again.
+    /// The sweep if it is complete, else the running task.
     pub fn finished(self) -> Result<Result<T, SweepError>, Self> {
         match self.0.try_recv() {
             Ok(outcome) => Ok(outcome),

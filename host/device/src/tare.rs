@@ -16,7 +16,7 @@ const READINGS_FOR_CODES: u32 = 100;
 /// Result of a tare along one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TareAxis {
-    /// Force that is zero from now on, from the converter's own zero, newtons.
+    /// The new zero, relative to the converter's own zero, newtons.
     pub zero_n: f64,
     /// Its standard error, newtons; nothing without readings.
     pub zero_standard_error_n: Option<f64>,
@@ -45,7 +45,7 @@ pub struct TareQuality {
     pub force_range_n: f64,
 }
 
-/// Something wrong with a tare.
+/// A fault of a tare.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum TareFault {
     /// No reading was valid.
@@ -165,7 +165,7 @@ impl TareQuality {
         faults
     }
 
-    /// `good`, or what is wrong.
+    /// `good`, or the faults.
     pub fn verdict(&self) -> String {
         let faults: Vec<String> = self.faults().iter().map(ToString::to_string).collect();
         if faults.is_empty() { "good".to_owned() } else { faults.join("; ") }

@@ -1,4 +1,4 @@
-//! Command lines of other programs: into words, and words back into a line that a shell reads as the same words.
+//! Command lines of other programs: splits them into words, and joins words to a line that a shell splits into the same words.
 //!
 //! On Unix as a shell does. On Windows a backslash is part of a path and quotes nothing, and the shells there know double quotation marks
 //! only; single ones are read too, so that the manual's examples work.

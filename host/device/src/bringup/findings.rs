@@ -256,12 +256,12 @@ pub const CATALOGUE: [CatalogueEntry; 41] = [
     ),
 ];
 
-/// Something that is wrong with this rig.
+/// A fault of this rig.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     /// Name in [`CATALOGUE`].
     pub id: &'static str,
-    /// Axis `x` or `y`; `None` where it is of neither or both.
+    /// Axis `x` or `y`; `None` if it concerns neither or both.
     pub axis: Option<&'static str>,
     /// Description of the fault.
     pub what: &'static str,
@@ -269,7 +269,7 @@ pub struct Finding {
     pub measured: String,
     /// Remedy.
     pub remedy: &'static str,
-    /// Other names that explain what was measured as well.
+    /// Other findings that explain the measured values equally well.
     pub or_else: Vec<&'static str>,
 }
 

@@ -1,9 +1,8 @@
 //! Bring-up of a rig: from a soldered board to the first motion, step by step, with every fault named.
 //!
-//! Each step measures something and judges it; a finding names what is wrong, what was measured and the remedy. A step
-//! with a blocking finding keeps those that depend on it from running, so that nothing moves on wiring that is known to
-//! be wrong. Motions before the loop is known to work are the device's own bounded pulses
-//! ([`protocol::Request::Pulse`]).
+//! Each step measures and judges; a finding states the fault, the measured values and the remedy. A blocking finding prevents
+//! the steps that depend on it, so that nothing moves with wiring that is known to be wrong. Before the position loop has been
+//! checked, the only motions are the device's own bounded pulses ([`protocol::Request::Pulse`]).
 //!
 //! | step | module |
 //! |---|---|
@@ -42,7 +41,7 @@ use std::time::Duration;
 pub enum Step {
     /// The serial link, and the device's clock.
     Link,
-    /// Why the device last started.
+    /// The cause of the device's last start.
     Supply,
     /// The emergency stop, pressed and released.
     EmergencyStop,
@@ -61,7 +60,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// Every one.
+    /// All steps.
     pub const ALL: [Self; 9] = [
         Self::Link,
         Self::Supply,
@@ -89,7 +88,7 @@ impl Step {
         }
     }
 
-    /// Announcement for the operator: what moves, how far and with which force at most.
+    /// Announcement for the operator: the moving axis, and the largest distance and force.
     pub const fn announcement(self) -> &'static str {
         match self {
             Self::Link => "streams samples for 3 s; nothing moves",
@@ -106,7 +105,7 @@ impl Step {
         }
     }
 
-    /// The steps whose blocking findings keep it from running; for one that moves something, all before it.
+    /// The steps whose blocking findings prevent it; for a step that moves the guide, all steps before it.
     pub const fn needs(self) -> &'static [Self] {
         match self {
             Self::Link | Self::Supply => &[],
@@ -130,19 +129,20 @@ pub enum Prompt {
     Allow(Step),
 }
 
-/// Why a bring-up ended early. The device is stopped, unless the link itself is gone: then the device ends what it does by itself.
+/// Reason for which a bring-up ended early. The device has been stopped, unless the link is lost; then the device ends its
+/// motion by its host timeout.
 #[derive(Debug, thiserror::Error)]
 pub enum BringupError {
     /// The device cannot be reached, speaks another protocol, or the link was lost.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// By the user.
+    /// The user interrupted it.
     #[error("interrupted in `{step}`: the guide is stopped")]
     Interrupted {
         /// The step under way.
         step: &'static str,
     },
-    /// The steps so far cannot be kept.
+    /// The results of the steps so far cannot be written.
     #[error("the result cannot be written")]
     Keep(#[from] io::Error),
 }

@@ -1,8 +1,8 @@
-//! Each motor in single short pulses, and what both potentiometers and both force channels made of them.
+//! Single short pulses of each motor, and the response of both potentiometers and both force channels.
 //!
-//! The needle shows what really moved: it presses back against the guide. So the force separates what the potentiometers alone cannot:
-//! reversed leads (guide and potentiometer went the wrong way) from a reversed potentiometer (only the reading did), swapped motors
-//! from swapped potentiometers. Without a needle both names remain.
+//! The needle presses back against the guide, so that the force shows the true motion. It separates cases that the
+//! potentiometers alone cannot separate: reversed leads (guide and potentiometer moved in the wrong direction) from a reversed
+//! potentiometer (only the reading did), and swapped motors from swapped potentiometers. Without a needle both findings remain.
 
 use super::findings::{Finding, of_fault};
 use super::report::StepReport;

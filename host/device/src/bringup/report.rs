@@ -13,9 +13,9 @@ pub struct Report {
     pub date: String,
     /// The device.
     pub device: Device,
-    /// Every step that ran passed, and none was blocked.
+    /// Whether every step that ran passed, and none was blocked.
     pub passed: bool,
-    /// The step that was under way when it ended early.
+    /// The step during which it ended early.
     pub interrupted_in: Option<&'static str>,
     /// The steps, in order.
     pub steps: Vec<StepReport>,
@@ -43,7 +43,7 @@ pub struct StepReport {
     pub step: &'static str,
     /// Result of the step.
     pub result: StepResult,
-    /// Why it did not run.
+    /// Reason for which it did not run.
     pub because: Option<String>,
     /// Measured values.
     pub measured: Vec<Measure>,
@@ -57,11 +57,11 @@ pub struct StepReport {
 pub enum StepResult {
     /// The step has no finding.
     Passed,
-    /// Something is wrong.
+    /// The step found a fault.
     Failed,
     /// It did not run: a step that it depends on failed.
     Blocked,
-    /// It did not run, as the operator wanted.
+    /// The operator skipped it.
     Skipped,
 }
 
@@ -107,7 +107,7 @@ impl StepReport {
 }
 
 impl Report {
-    /// Everything that is wrong.
+    /// All faults.
     pub fn findings(&self) -> impl Iterator<Item = &Finding> {
         self.steps.iter().flat_map(|step| &step.findings)
     }

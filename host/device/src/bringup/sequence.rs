@@ -1,4 +1,4 @@
-//! Runs the steps over the link, in order, each only where nothing that it depends on is known to be wrong.
+//! Runs the steps over the link, in order, each only if no step on which it depends has a blocking finding.
 
 use super::findings::{Finding, of_fault};
 use super::moves::Moves;
@@ -10,12 +10,12 @@ use protocol::{CalibrationRecord, Hello, Request};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-/// Carries out a bring-up of the device at a port: these steps, or those of them that can run. `failed` are steps that an earlier bring-up
-/// found something wrong in, and that are not repeated; `calibration` is what the last step stores, which without it is none of the steps.
+/// Carries out these steps of a bring-up with the device at a port, as far as they can run. `failed` are the failed steps of an
+/// earlier bring-up that are not repeated. `calibration` is stored by the last step, which is left out without one.
 ///
 /// # Errors
-/// Where the device cannot be reached, speaks another protocol, the link is lost, or the user interrupts; what is wrong with the rig is no
-/// error.
+/// Where the device cannot be reached, speaks another protocol, the link is lost, or the user interrupts. A fault of the rig is
+/// a finding and no error.
 pub fn run(
     port: &str,
     steps: &[Step],

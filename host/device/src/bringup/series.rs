@@ -1,4 +1,4 @@
-//! Figures of a recorded channel: mean, trend, noise, and lines of the mains.
+//! Statistics of a recorded channel: mean, trend, noise, and lines of the mains.
 
 use std::f64::consts::TAU;
 
@@ -9,7 +9,7 @@ pub(super) struct Rest {
     pub mean: f64,
     /// Slope of a straight line, per second.
     pub slope_per_s: f64,
-    /// Standard error of the slope by the noise.
+    /// Standard error of the slope.
     pub slope_error_per_s: f64,
     /// Standard deviation about the line and the mains' lines.
     pub sd: f64,

@@ -1,7 +1,7 @@
 //! The force sensor's matrix from known loads.
 //!
-//! The loads are known, the readings have noise: reported forces are regressed on loads, `reported = B load + offset`, and the matrix
-//! becomes `B^-1` times the one of before. The offset is what was not tared.
+//! The loads are known and the readings have noise, so that reported forces are regressed on loads: `reported = B load +
+//! offset`. The new matrix is `B^-1` times the former one. The offset is the untared part of the zero.
 
 use super::{CalibrateError, Estimate, WorstReading};
 use nalgebra::{DMatrix, Matrix2, Matrix3, SymmetricEigen, Vector2};
@@ -14,7 +14,7 @@ const ACROSS_SHARE: f64 = 0.05;
 /// Least determinant of reported over true forces.
 const LEAST_DETERMINANT: f64 = 1e-3;
 
-/// One known load and what the device reported under it.
+/// One known load and the force that the device reported under it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceReading {
     /// True force on the sensor along x and y, newtons.
@@ -26,13 +26,13 @@ pub struct ForceReading {
 /// Calibration that the readings determine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceFit {
-    /// Reported over true force; rows: reported x, y; columns: load along x, y. 1 and 0 for a sensor that is right.
+    /// Reported over true force; rows: reported x, y; columns: load along x, y. The unit matrix for an exact sensor.
     pub response: [[Estimate; 2]; 2],
     /// Force that is reported without load, newtons.
     pub offset_n: [Estimate; 2],
-    /// Angle by which the sensor is turned, degrees, from x towards y.
+    /// Rotation of the sensor, degrees, from x towards y.
     pub turned_deg: f64,
-    /// Standard deviation of a reading about the fit, newtons; `None` where there are as many unknowns as readings.
+    /// Standard deviation of a reading about the fit, newtons; `None` with as many unknowns as readings.
     pub residual_sd_n: Option<f64>,
     /// The reading that fits worst.
     pub worst: WorstReading,
@@ -40,7 +40,7 @@ pub struct ForceFit {
     pub record: CalibrationRecord,
 }
 
-/// The matrix from readings that were taken with the calibration `before`.
+/// The matrix from readings under the calibration `before`.
 ///
 /// # Errors
 /// [`CalibrateError`] where the readings do not determine it, or it is none that a rig can have.

@@ -1,4 +1,5 @@
-//! Constants of a rig from what people measure on it: the force sensor's matrix from known loads, a potentiometer's table from a gauge.
+//! Calibration of a rig from manual measurements: the force sensor's matrix from known loads, a potentiometer's table from a
+//! gauge.
 //!
 //! Both start from the calibration that the device had while the readings were taken, and return the one that it should have.
 
@@ -11,7 +12,7 @@ pub use position::{GaugeReading, PositionFit, fit_position};
 use protocol::Implausible;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Why readings give no calibration.
+/// Reason for which readings give no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrateError {
     /// Fewer readings than unknowns.

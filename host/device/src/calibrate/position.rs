@@ -2,8 +2,8 @@
 //!
 //! Readings are taken in the order of the motion, up and down again. The difference between the gauge and the previous
 //! table is fitted as a function of the converter's code that is linear between the knots of the table, with a further
-//! constant on the way down if there are readings of it (the play). Knots that no reading is near go on along a
-//! straight line: a weak penalty on second differences.
+//! constant on the way down if there are readings of it (the play). A weak penalty on second differences extrapolates linearly
+//! to knots without readings nearby.
 
 use super::{CalibrateError, Estimate, WorstReading};
 use nalgebra::{DMatrix, DVector};
@@ -44,7 +44,7 @@ pub struct PositionFit {
     pub residual_sd_m: f64,
     /// The reading that fits worst.
     pub worst: WorstReading,
-    /// Positions that were covered by the gauge, metres.
+    /// Range of positions with readings of the gauge, metres.
     pub covered_m: [f64; 2],
     /// The calibration that the device should have.
     pub record: CalibrationRecord,

@@ -1,66 +1,18 @@
-//! The device from the host's side: commands that are answered, and a stream of what it sends unsolicited.
+//! Client of a device: sends commands and waits for their answers, and receives the stream of unsolicited messages.
 //!
 //! A command is sent again when no answer comes, a bounded number of times; the device carries it out once. Telemetry
 //! that arrives while an answer is awaited is kept in order and handed out by [`Client::next`].
 
 use super::display::request_name;
 use super::error::LinkError;
+use super::telemetry::{Telemetry, displacement_m, force_n, to_batch};
 use super::timeouts::{ANSWER_TIMEOUT, REQUESTS, TRIES};
 use super::wire::{LinkLosses, OpenPort, Received, Tap};
 use protocol::{
-    CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Samples,
-    State, Status,
+    CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Status,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
-
-/// Messages that the device sends unsolicited.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Telemetry {
-    /// Samples in SI units.
-    Samples(Batch),
-    /// Something happened.
-    Event(protocol::Event),
-    /// State, counters, load and stiffness: ten times a second while samples are streamed.
-    Status(Box<Status>),
-}
-
-impl Telemetry {
-    /// Device time of it, microseconds: of the last sample of a batch.
-    pub(crate) fn device_us(&self) -> Option<u64> {
-        match self {
-            Self::Samples(batch) => batch.points.last().map(|point| (point.time_s * 1e6) as u64),
-            Self::Event(event) => Some(event.t_us),
-            Self::Status(status) => Some(status.t_us),
-        }
-    }
-}
-
-/// Consecutive samples of one state and step.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Batch {
-    /// State of the controller.
-    pub state: State,
-    /// Program step; `None` outside a program.
-    pub step: Option<u8>,
-    /// Samples that went missing between the batch before and this one.
-    pub lost_before: u64,
-    /// The samples, in order.
-    pub points: Vec<Point>,
-}
-
-/// One sample.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
-    /// Device time, seconds since its start.
-    pub time_s: f64,
-    /// Displacement of guide 2 along x and y, metres.
-    pub displacement_m: [f64; 2],
-    /// Force along x and y relative to the tare, newtons.
-    pub force_n: [f64; 2],
-    /// There was no valid reading of the force: it is the one before.
-    pub repeats_force: bool,
-}
 
 /// A connected device.
 pub struct Client {
@@ -88,7 +40,7 @@ impl Client {
         Self::connect_within(port, TRIES)
     }
 
-    /// As [`Self::connect`], giving up after `tries` hellos: for trying several ports.
+    /// As [`Self::connect`], but gives up after `tries` hellos, which is meant for a search over several ports.
     ///
     /// # Errors
     /// As [`Self::connect`].
@@ -156,7 +108,7 @@ impl Client {
         self.connection
     }
 
-    /// Passes everything that goes over the link from now on to a tap; the hello that is known already comes first.
+    /// Passes all further frames of the link to a tap, beginning with the hello that was received before.
     pub fn attach_tap(&mut self, mut tap: Box<dyn Tap>) {
         tap.received(&Envelope {
             boot_id: self.boot_id,
@@ -249,8 +201,8 @@ impl Client {
         LinkError::AnswerMissing { port: self.wire.name().to_owned(), command, tries: REQUESTS }
     }
 
-    /// Requests the status without waiting: the answer comes among what the device sends unsolicited. The request also shows that
-    /// the host is there. A request that has not been answered yet is sent again.
+    /// Requests the status without waiting; the answer arrives among the unsolicited messages. The request is also a keepalive.
+    /// An unanswered request is sent again.
     ///
     /// # Errors
     /// [`LinkError::Gone`].
@@ -289,8 +241,8 @@ impl Client {
         Ok(None)
     }
 
-    /// Unsolicited messages that were not taken yet, without waiting for more. Errors of the link do not matter
-    /// here: this is how the last messages of a device that has gone are received.
+    /// Next unsolicited message that has already arrived, without waiting. Errors of the link are ignored, so that the last
+    /// messages of a lost device can be received.
     pub fn waiting(&mut self) -> Option<Telemetry> {
         while self.inbox.is_empty() {
             match self.receive(Duration::ZERO) {
@@ -421,29 +373,6 @@ impl Client {
             }
         }
     }
-}
-
-/// A batch in SI units; `None` where its packed bytes are broken.
-pub(crate) fn to_batch(hello: &Hello, samples: &Samples, lost_before: u64) -> Option<Batch> {
-    let unpacked = samples.unpack(hello.sample_period_us).ok()?;
-    let points = unpacked
-        .map(|(t_us, sample)| Point {
-            time_s: t_us as f64 * 1e-6,
-            displacement_m: displacement_m(hello, sample.position_counts),
-            force_n: force_n(hello, sample.force_counts),
-            repeats_force: sample.repeats_force,
-        })
-        .collect();
-    let step = (samples.step != u8::MAX).then_some(samples.step);
-    Some(Batch { state: samples.state, step, lost_before, points })
-}
-
-fn displacement_m(hello: &Hello, counts: [i32; 2]) -> [f64; 2] {
-    counts.map(|count| f64::from(count) * f64::from(hello.scales.position_nm_per_count) * 1e-9)
-}
-
-fn force_n(hello: &Hello, counts: [i32; 2]) -> [f64; 2] {
-    counts.map(|count| f64::from(count) * f64::from(hello.scales.force_nn_per_count) * 1e-9)
 }
 
 fn check_protocol(port: &str, hello: &Hello) -> Result<(), LinkError> {

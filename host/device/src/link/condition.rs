@@ -8,13 +8,13 @@ use serde::Serialize;
 pub struct Condition {
     /// Share of the processor that is busy, percent.
     pub cpu_percent: f64,
-    /// Longest work of a control period since start, microseconds.
+    /// Longest duration of a control period's work since start, microseconds.
     pub longest_period_us: u16,
-    /// Latest begin of a control period since start, microseconds after it was due.
+    /// Largest delay with which a control period has begun since start, microseconds.
     pub latest_start_us: u16,
     /// Bytes of the stack that have never been used.
     pub stack_free_bytes: u32,
-    /// Most entries of the outbox that were occupied at once.
+    /// Largest number of occupied entries of the outbox since start.
     pub outbox_most: u8,
     /// Share of its duty cycle that the motor of x has used, percent.
     pub motor_duty_used_x_percent: f64,

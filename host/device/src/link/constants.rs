@@ -32,7 +32,7 @@ impl Client {
         })
     }
 
-    /// Sets limits; what is not given stays. Returns those that are set then, as the device reports.
+    /// Sets limits; omitted ones are kept. Returns the limits that the device reports afterwards.
     ///
     /// # Errors
     /// [`LinkError::Limit`] for a value that the device cannot take, [`LinkError::LimitBelowZero`] for a force that no position can meet,
@@ -61,7 +61,7 @@ impl Client {
         self.limits()
     }
 
-    /// Has the device keep a calibration and restart with it; the device as it is then.
+    /// Stores a calibration on the device, which restarts with it. Returns the client of the restarted device.
     ///
     /// # Errors
     /// As [`Self::request`]; [`LinkError::NotBack`] and [`LinkError::CalibrationNotKept`] where the device has not come back, or

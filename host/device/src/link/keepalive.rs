@@ -1,10 +1,10 @@
-//! When the device must receive something, so that it does not count its host as gone.
+//! Times at which the device has to receive a command, so that its host timeout does not expire.
 //!
 //! The device counts silence by its own clock, and a simulated one may run faster than the wall clock: both count.
 
 use std::time::{Duration, Instant};
 
-/// The device receives something at least this often.
+/// Longest interval between two commands.
 pub const INTERVAL: Duration = Duration::from_millis(250);
 /// Part of the device's limit after which it receives something, by its own clock: three of four may be lost.
 const SHARE: u64 = 4;
@@ -20,27 +20,27 @@ pub struct Keepalive {
 }
 
 impl Keepalive {
-    /// The device has just answered, at this time of its clock; it counts a host as gone that is silent for so long.
+    /// Starts with an answer of the device at this time of its clock, and with its host timeout.
     pub fn new(now: Instant, device_us: u64, limit_ms: u32) -> Self {
         Self { sent: now, sent_device_us: device_us, device_us, limit_us: u64::from(limit_ms) * 1_000 }
     }
 
-    /// The device's clock shows this.
+    /// Notes the time of the device's clock.
     pub fn clock(&mut self, device_us: u64) {
         self.device_us = self.device_us.max(device_us);
     }
 
-    /// The device has stated its limit.
+    /// Notes the host timeout that the device has stated.
     pub fn limit(&mut self, limit_ms: u32) {
         self.limit_us = u64::from(limit_ms) * 1_000;
     }
 
-    /// The device has received a command.
+    /// Notes that the device has received a command.
     pub fn sent(&mut self, now: Instant) {
         (self.sent, self.sent_device_us) = (now, self.device_us);
     }
 
-    /// Whether the device must receive something now.
+    /// Whether a command has to be sent now.
     pub fn is_due(&self, now: Instant) -> bool {
         let every_us = self.limit_us / SHARE;
         self.device_us >= self.sent_device_us.saturating_add(every_us)

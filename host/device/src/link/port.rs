@@ -1,4 +1,4 @@
-//! Serial ports: which there are, and opening one with an explanation where it fails.
+//! Serial ports: a list of them, and opening one, with explanations of errors.
 
 mod socket;
 
@@ -23,7 +23,7 @@ pub enum PortError {
         /// The port's name.
         port: String,
     },
-    /// Another program has it.
+    /// Another program uses it.
     #[error("{port}: in use by another program ({})", IN_USE.replace("PORT", port))]
     InUse {
         /// The port's name.

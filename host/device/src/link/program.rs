@@ -1,9 +1,9 @@
-//! Motion programs: what guide 2 does in one acquisition, from a TOML file or built in.
+//! Motion programs of guide 2, from a TOML file or built in.
 //!
 //! ```toml
 //! name = "displace"
 //! [[step]]
-//! move_y_mm = 1.2        # and/or move_x_mm; an axis not named goes to 0
+//! move_y_mm = 1.2        # and/or move_x_mm; an axis without a target moves to 0
 //! speed_mm_s = 1.0
 //! [[step]]
 //! hold_s = 3.0
@@ -11,11 +11,11 @@
 //! [[step]]
 //! tare_s = 1.0
 //! [[step]]
-//! ramp_y_mm = -0.5       # and/or ramp_x_mm: evenly, arriving after
-//! duration_s = 20.0      # this time; the program goes on then, settled or not
+//! ramp_y_mm = -0.5       # and/or ramp_x_mm: at constant speed, arriving after
+//! duration_s = 20.0      # this time; then the next step begins, settled or not
 //! [[step]]
-//! staircase_y_mm = 1.0   # and/or staircase_x_mm: from the target before (or 0) to this one
-//! levels = 5             # in so many equal steps, each a move and a hold
+//! staircase_y_mm = 1.0   # and/or staircase_x_mm: from the previous target (or 0) to this one
+//! levels = 5             # in this many equal steps, each a move and a hold
 //! hold_s = 2.0
 //! speed_mm_s = 1.0
 //! sweep = true           # in each of the holds
@@ -35,7 +35,7 @@ const BUILT_IN: [(&str, &str); 3] = [
     ("quick-staircase", include_str!("programs/quick-staircase.toml")),
 ];
 
-/// One step with what the host does during it.
+/// One step, and the host's task during it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedStep {
     /// Step that the device carries out.
@@ -65,7 +65,7 @@ pub enum ProgramError {
     /// The file is not a program.
     #[error(transparent)]
     File(#[from] SessionError),
-    /// A step makes no sense.
+    /// An invalid step.
     #[error("{place}: step {number}: {problem}")]
     Step {
         /// Position at which the step begins.
@@ -305,7 +305,7 @@ fn micrometres(target_mm: [f64; 2]) -> Result<[i32; 2], &'static str> {
 /// A move to a position (x, y) in millimetres at a speed in millimetres per second.
 ///
 /// # Errors
-/// What was expected of a value that no rig could take; the device checks against its own limits.
+/// A message with the valid range, for a value that no rig accepts; the device checks its own limits.
 pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static str> {
     let [x_um, y_um] = micrometres(target_mm)?;
     if !(SPEED_MM_S[0]..=SPEED_MM_S[1]).contains(&speed_mm_s) {
@@ -317,7 +317,7 @@ pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static st
 /// A duration in seconds as the device takes it.
 ///
 /// # Errors
-/// What was expected of a value that is no duration.
+/// A message with the valid range, for a value that is no duration.
 pub fn milliseconds(duration_s: f64) -> Result<u32, &'static str> {
     if (DURATION_S[0]..=DURATION_S[1]).contains(&duration_s) {
         Ok((duration_s * 1e3).round() as u32)

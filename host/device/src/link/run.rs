@@ -1,14 +1,15 @@
 //! Running a motion program on the device and following it to its end.
 //!
-//! The device runs the program by itself; the host follows. Events can be lost, so the end is recognised by what arrives
-//! first: the event, the state in a batch, or a status. The status is requested all the time, because the device ends a program
-//! whose host has gone silent; the answer is not waited for, it comes among the rest.
+//! The device runs the program by itself; the host follows. Events can be lost, so that the end is recognised by the first of
+//! three messages: the event, the state in a batch, or a status. The status is requested regularly, as a keepalive; its answer
+//! arrives among the other messages.
 
-use super::client::{Client, Telemetry};
+use super::client::Client;
 use super::error::LinkError;
 use super::keepalive::Keepalive;
 use super::program::Program;
 use super::silence::Silence;
+use super::telemetry::Telemetry;
 use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status, TareProblem};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -183,7 +184,7 @@ impl EndWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::client::Batch;
+    use crate::link::telemetry::Batch;
     use fake_device as fake;
 
     fn status(t_us: u64, state: State, fault: Option<Fault>) -> Status {

@@ -1,7 +1,8 @@
-//! A device that sends nothing although it should: it is gone, and nobody has to wait for it.
+//! Detection of a lost device, which sends nothing although it streams.
 
-use super::client::{Client, Telemetry};
+use super::client::Client;
 use super::error::LinkError;
+use super::telemetry::Telemetry;
 use super::timeouts::SILENCE_LIMIT;
 use std::time::{Duration, Instant};
 

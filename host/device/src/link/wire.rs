@@ -16,7 +16,7 @@ use std::time::Duration;
 /// Losses on the way from the device.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LinkLosses {
-    /// Frames that were sent by the sequence numbers and did not arrive.
+    /// Frames that did not arrive, by the sequence numbers.
     pub frames_missing: u64,
     /// Frames that arrived damaged: checksum or byte stuffing wrong.
     pub frames_corrupt: u64,
@@ -49,7 +49,7 @@ pub enum Received {
     Nothing,
 }
 
-/// Receives everything that goes over a link, in the order in which the host takes it.
+/// Receives all frames of a link, in the order in which the host handles them.
 pub trait Tap: Send {
     /// An intact frame from the device, at any place in the order.
     fn received(&mut self, envelope: &Envelope);
@@ -100,7 +100,7 @@ impl OpenPort {
         })
     }
 
-    /// Passes everything that goes over the link from now on to a tap, or nothing any more.
+    /// Passes all further frames of the link to a tap; `None` ends that.
     pub fn set_tap(&mut self, tap: Option<Box<dyn Tap>>) {
         self.tap = tap;
     }
@@ -110,7 +110,7 @@ impl OpenPort {
         &self.name
     }
 
-    /// Sends a command. One that the port does not take in time is lost like any other: it will not be answered.
+    /// Sends a command. If the port does not accept it in time, it is lost, and no answer will come.
     pub fn send(&mut self, command: &Command) -> Result<(), LinkError> {
         let mut buffer = [0; MAX_FRAME_TO_DEVICE];
         let frame = encode_command(command, &mut buffer)?;
@@ -148,7 +148,7 @@ impl OpenPort {
         }
     }
 
-    /// Telemetry is about to be switched on: the time without it is no loss.
+    /// Notes that telemetry will be switched on, so that the time without it is no loss.
     pub fn stream_begins(&mut self) {
         self.tracker.stream_begins();
     }

@@ -34,7 +34,7 @@ pub struct LinkHealth {
 }
 
 impl LinkHealth {
-    /// A new connection counts from zero again.
+    /// Notes a new connection, whose counts begin at zero.
     pub fn connected(&mut self) {
         self.ended = self.total();
         self.current = LinkTotals::default();

@@ -92,7 +92,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Has a command carried out. A refusal is reported; it does not end the connection.
+    /// Sends a command. A refusal is reported and does not end the connection.
     pub fn handle_command(&mut self, command: UserCommand) -> Result<(), LinkError> {
         let outcome = match command {
             UserCommand::Tare => self.start("tare".to_owned(), &[Step::Tare { duration_ms: TARE_MS }], false),
@@ -122,7 +122,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Leaves nothing moving unattended, and telemetry off.
+    /// Stops all motion and switches telemetry off.
     pub fn end(mut self) -> Result<(), LinkError> {
         if self.active || self.running.is_some() {
             self.request(Request::Stop)?;

@@ -30,7 +30,7 @@ pub enum Event {
     Telemetry(Telemetry),
     /// Totals of the present connection.
     LinkTotals(LinkTotals),
-    /// There is no connection, and why.
+    /// The connection is lost, with the reason.
     Lost(String),
     /// Outcome of a command.
     Command(Outcome),
@@ -56,7 +56,7 @@ pub struct Restart {
     pub panic: Option<String>,
 }
 
-/// A connection that is not there.
+/// A lost connection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConnectionLoss {
     /// Why.
@@ -119,7 +119,7 @@ impl State {
         Self { port: port.to_owned(), ..Self::default() }
     }
 
-    /// Takes what has happened. Times are seconds of any clock of the host that goes on evenly.
+    /// Takes an event. Times are seconds of a steady clock of the host.
     pub fn take(&mut self, event: Event, now_s: f64) {
         match event {
             Event::Connected { boot_id, hello } => self.connected(boot_id, hello, now_s),
@@ -206,7 +206,7 @@ impl State {
         self.clock_s = Some(self.clock_s.map_or(device_s, |clock_s| clock_s.max(device_s)));
     }
 
-    /// Whether the values are not those of now.
+    /// Whether the values are outdated.
     pub fn is_old(&self, now_s: f64) -> bool {
         self.down.is_some() || self.silent_s(now_s).is_none_or(|silent_s| silent_s > OLD_S)
     }
@@ -269,7 +269,7 @@ impl State {
         self.news
     }
 
-    /// The connection that is not there, where that is so.
+    /// The lost connection, if the connection is lost.
     pub fn down(&self) -> Option<&ConnectionLoss> {
         self.down.as_ref()
     }

@@ -52,7 +52,7 @@ impl Worker {
         Ok(Self { commands: Some(sender), thread: Some(thread) })
     }
 
-    /// Has something done; its outcome is reported.
+    /// Requests a command; its outcome is reported.
     pub fn send(&self, command: UserCommand) {
         if let Some(commands) = &self.commands {
             // If the thread has ended, the command is lost; `is_running` reports it.
@@ -60,7 +60,7 @@ impl Worker {
         }
     }
 
-    /// Whether the thread is there.
+    /// Whether the thread runs.
     pub fn is_running(&self) -> bool {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }

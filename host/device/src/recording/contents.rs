@@ -35,7 +35,7 @@ pub struct Contents {
     pub frames: u64,
     /// Frames missing between them.
     pub frames_missing: u64,
-    /// Frames that come behind ones that were sent later, and are not used: another program has put the messages in another order.
+    /// Frames that follow later ones and are not used, because another program has reordered the messages.
     pub frames_late: u64,
     /// Samples.
     pub samples: u64,

@@ -1,8 +1,8 @@
-//! Reading the container: intact chunks, one at a time, and what can be saved between them.
+//! Reader of the container: intact chunks, one at a time, and the frames that can be saved between them.
 //!
-//! Only what a checksum covers is accepted; in files without chunks these are the checksums of the frames. If records
-//! do not follow each other as they should, the reader searches from the end of the last valid one for the next intact
-//! chunk; the receiver of the serial line finds the frames in between.
+//! Only what a checksum covers is accepted; in files without chunks these are the checksums of the frames. After an invalid
+//! record the reader searches for the next intact chunk, from the end of the last valid record on; the receiver of the serial
+//! line finds the frames in between.
 
 use super::error::RecordingError;
 use super::format::{

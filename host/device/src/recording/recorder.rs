@@ -1,4 +1,4 @@
-//! Recording a link while it is used: a thread of its own writes, so that a slow disk does not hold up the link.
+//! Recorder of a link in use. Its own thread writes, so that a slow disk does not delay the link.
 //!
 //! Data are on the disk within a fifth of a second of their arrival, in whole chunks with their checksums. The queue
 //! between the link and the thread is bounded; if the disk stalls for longer, the link's own queue holds the data

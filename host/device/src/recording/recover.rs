@@ -1,4 +1,4 @@
-//! A clean recording out of one that is damaged or was never finished.
+//! Recovery of a clean recording from a damaged or unfinished one.
 
 use super::contents::{Contents, Survey};
 use super::error::RecordingError;
@@ -8,8 +8,8 @@ use super::transcript::Transcript;
 use super::writer::Writer;
 use std::path::Path;
 
-/// Writes what is intact of a recording into a new file: the frames as they are, everything else regenerated from them. A frame
-/// that was saved from damaged bytes has the log time of its neighbours.
+/// Writes the intact frames of a recording into a new file, and regenerates everything else from them. A frame that was saved
+/// from damaged bytes has the log time of its neighbours.
 ///
 /// # Errors
 /// [`RecordingError`]; an existing file is not overwritten.

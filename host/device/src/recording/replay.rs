@@ -7,7 +7,7 @@ use super::reader::{Damage, ReadItem, Reader};
 use super::transcript::StreamState;
 use super::views::{HelloFrame, RecordingInfo};
 use crate::link::Batch;
-use crate::link::client::to_batch;
+use crate::link::telemetry::to_batch;
 use protocol::{Command, Envelope, EnvelopeReceiver, Hello, Message, Order, Received, Totals};
 use std::collections::VecDeque;
 use std::path::Path;

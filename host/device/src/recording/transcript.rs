@@ -8,7 +8,7 @@ use super::channels::Channel;
 use super::error::RecordingError;
 use super::views::{self, EventView, HelloView, RecordingInfo, StatusView};
 use super::writer::Writer;
-use crate::link::client::to_batch;
+use crate::link::telemetry::to_batch;
 use protocol::{
     Command, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Order, Request, SequenceTracker, Totals,
 };

@@ -1,9 +1,10 @@
-//! Guide 2 of the device as part of what [`steering::steer`] steers.
+//! Guide 2 of the device as a part of the plant of [`steering::steer`].
 //!
-//! The device moves guide 2 and measures its position and force; a plant of someone else, the needle's side, pushes the needle and reads
-//! its tip: a motor stage with a tracker, a person who is prompted, a simulation. A [`RigPlant`] joins the two. Each guide move is one
-//! motion program of the device with its interlocks, made to its end while the needle rests; the needle's side then gets the positions
-//! that were reached. Between moves the bridges are off, so that nothing moves when a run ends, however it ends.
+//! The device moves guide 2 and measures its position and force. The needle's side is another plant, which pushes the needle
+//! and reads its tip: a motor stage with a tracker, a person who is prompted, or a simulation. A [`RigPlant`] joins the two.
+//! Each guide move is one motion program of the device, with its interlocks, and ends while the needle rests; the needle's side
+//! then receives the positions that were reached. Between moves the bridges are off, so that nothing moves when a run ends,
+//! however it ends.
 
 use crate::link::error::explain_latched;
 use crate::link::program::move_to;

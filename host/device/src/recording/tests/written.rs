@@ -1,7 +1,7 @@
 //! The format's own reader reads the written file, and memory does not grow with its duration.
 
 use super::*;
-use crate::link::client::to_batch;
+use crate::link::telemetry::to_batch;
 use crate::recording::Contents;
 use std::collections::{BTreeMap, BTreeSet};
 
