@@ -125,12 +125,15 @@ pub(super) fn set_apart(
 /// Why a run cannot belong to the others; `None` where it can.
 fn reason(misfits: &[Misfit], own: usize) -> Option<String> {
     let Misfit { depth_m, shape_m, sigmas } = misfits.get(own).copied()?;
-    let all = || misfits.iter().enumerate().filter(|(other, _)| *other != own).map(|(_, misfit)| *misfit);
-    let (same_depth, farthest): (Vec<Misfit>, f64) =
-        match all().filter(|misfit| (misfit.depth_m - depth_m).abs() < SAME_DEPTH_M).collect::<Vec<_>>() {
-            none if none.is_empty() => (all().collect(), FAR_OF_ALL),
-            of_depth => (of_depth, FAR),
-        };
+    let other_misfits =
+        || misfits.iter().enumerate().filter(|(other, _)| *other != own).map(|(_, misfit)| *misfit);
+    let (same_depth, farthest): (Vec<Misfit>, f64) = match other_misfits()
+        .filter(|misfit| (misfit.depth_m - depth_m).abs() < SAME_DEPTH_M)
+        .collect::<Vec<_>>()
+    {
+        none if none.is_empty() => (other_misfits().collect(), FAR_OF_ALL),
+        of_depth => (of_depth, FAR),
+    };
     let usual_m = median_of(same_depth.iter().map(|misfit| misfit.shape_m).collect())?;
     if usual_m > 0.0 && shape_m > farthest * usual_m {
         return Some(format!(

@@ -22,19 +22,16 @@ impl FoundationResult {
         self
     }
 
-    /// Reason if the modulus varies with depth more than one modulus allows for, and two layers do not decide: what
-    /// that means for the choice of the foundation.
+    /// Warning that the choice of the foundation is valid for one modulus only: the modulus varies with depth, and two layers do
+    /// not decide.
     pub(super) fn undecided(&self) -> Option<String> {
         let varied =
             self.log_evidence_of_varied.filter(|gain| self.by == "evidence" && *gain >= VARIED_NATS)?;
-        let subject = match self.used {
-            "springs" => "springs, and K and E with them, are",
-            _ => "an elastic body, and K and E with it, is",
-        };
+        let used = if self.used == "springs" { "springs" } else { "an elastic body" };
         Some(format!(
-            "one modulus does not decide between springs and an elastic body: a modulus that varies with depth explains the runs better \
-             (log evidence {varied:+.1}); {subject} the choice of one modulus only; compare both with two layers (guide identify --layers), or \
-             search for what is missing (guide diagnose)"
+            "the choice of {used} is valid for one modulus only, and a modulus that varies with depth explains the runs better (log evidence \
+             {varied:+.1}): K and E depend on this choice; compare both foundations with two layers (guide identify --layers), or search for the \
+             missing effect (guide diagnose)"
         ))
     }
 
@@ -188,7 +185,7 @@ fn body(
     let mut notes = Vec::new();
     let body_fits = fitted(runs, tissue.body())?;
     let pooled = pool::pool(&body_fits, &plain, &mut notes);
-    warnings.extend(notes.into_iter().map(|note| format!("elastic body (here K means E): {note}")));
+    warnings.extend(notes.into_iter().map(|note| format!("elastic body (K stands for E here): {note}")));
     let value = pooled.k_kpa;
     let mut by_poisson = 0.0;
     if let Some(alternative) = tissue.other_body() {

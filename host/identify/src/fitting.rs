@@ -23,8 +23,7 @@ const OUTLIER_ROUNDS: usize = 3;
 
 /// Fits one run.
 pub(super) fn fit_run(prepared: &mut Prepared, run: &LateralRun) -> Result<Fit, RunError> {
-    let path = || run.force_path.clone();
-    let failed = |cause| RunError::Fit { path: path(), cause };
+    let failed = |cause| RunError::Fit { path: run.force_path.clone(), cause };
     let points = prepared.data.shape_values() / prepared.data.planes.max(1);
     let mut best = fit_alone(&mut prepared.data, prepared.known_shape_noise).map_err(failed)?;
     let mut outliers = 0;
@@ -43,7 +42,7 @@ pub(super) fn fit_run(prepared: &mut Prepared, run: &LateralRun) -> Result<Fit, 
     if best.at_bound.first() == Some(&true) {
         let modulus_kpa = 1e-3 * best.shared.first().copied().unwrap_or(f64::NAN).exp();
         let bound_kpa = (1e3 * modulus_kpa).round() / 1e3;
-        return Err(RunError::AtBound { path: path(), bound_kpa });
+        return Err(RunError::AtBound { path: run.force_path.clone(), bound_kpa });
     }
     Ok(best)
 }

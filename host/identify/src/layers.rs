@@ -294,10 +294,10 @@ mod tests {
     #[test]
     fn layers_are_established_against_the_better_single_modulus() {
         // Springs of two layers 12 nats ahead of springs of one, in what a body of one modulus explains 10 nats better.
-        let over = layers("springs", Some(12.0)).over_single(Some(10.0));
-        assert_eq!((over.log_evidence_over_single, over.established), (Some(2.0), false));
-        let over = layers("springs", Some(12.0)).over_single(Some(-10.0));
-        assert_eq!((over.log_evidence_over_single, over.established), (Some(12.0), true));
+        let result = layers("springs", Some(12.0)).over_single(Some(10.0));
+        assert_eq!((result.log_evidence_over_single, result.established), (Some(2.0), false));
+        let result = layers("springs", Some(12.0)).over_single(Some(-10.0));
+        assert_eq!((result.log_evidence_over_single, result.established), (Some(12.0), true));
         let decided = layers("body", Some(12.0)).over_single(Some(-10.0));
         assert_eq!((decided.log_evidence_over_single, decided.established), (Some(2.0), false));
         assert!(layers("body", Some(6.0)).over_single(None).established);

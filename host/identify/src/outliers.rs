@@ -178,9 +178,9 @@ mod tests {
     #[test]
     fn many_far_points_are_no_single_ones_and_few_points_are_kept() {
         assert_eq!(taken(&mut run(1, |at| if at % 8 == 3 { 12.0 * SD_M } else { 0.0 })), 0);
-        let mut few = run(1, |at| if at == 3 { 12.0 * SD_M } else { 0.0 });
-        few.levels.truncate(1);
-        few.levels[0].shape.truncate(12);
-        assert_eq!(taken(&mut few), 0);
+        let mut short_run = run(1, |at| if at == 3 { 12.0 * SD_M } else { 0.0 });
+        short_run.levels.truncate(1);
+        short_run.levels[0].shape.truncate(12);
+        assert_eq!(taken(&mut short_run), 0);
     }
 }

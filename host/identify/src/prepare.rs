@@ -1,20 +1,19 @@
 //! From a run's recording to data for the fit: levels, noise, checks.
 
+mod balances;
+mod deviations;
+
 use super::belong::check_shape_sign;
 use super::{HoldResult, NoiseResult, Options, RunError};
+use balances::balances;
+use deviations::Deviations;
 use formats::session::{LateralRun, Session};
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
-use mechanics::unknowns::sensors::{
-    DISPLACEMENT_NOISE, FORCE_NOISE, FORCE_ZERO, SHAPE_NOISE, UNTARED_FORCE_ZERO,
-};
+use mechanics::unknowns::sensors::{FORCE_ZERO, SHAPE_NOISE, UNTARED_FORCE_ZERO};
 use modulus::energy::{Balance, MIN_POINTS};
-use readings::holds::{
-    BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, scatter_and_systematic, summary, unused,
-};
-use readings::{
-    DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, SharedErrors,
-};
+use readings::holds::{BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, summary, unused};
+use readings::{DisplacementHistory, Fixed, ForceZero, LateralData, ShapeDatum, SharedErrors};
 use std::ops::Range;
 
 /// Rotation of the needle in an only guide.
@@ -186,7 +185,7 @@ fn spikes(used: &[&Hold]) -> Option<String> {
         .collect();
     (!counts.is_empty()).then(|| {
         format!(
-            "spikes, single readings far from their neighbours, are not in the means of holds: {}",
+            "spikes (single readings far from their neighbours) are left out of the means of holds: {}",
             counts.join(", ")
         )
     })
@@ -287,145 +286,6 @@ fn measured_s(level: &Hold, index: usize, time_s: &Option<Vec<f64>>) -> f64 {
 
 fn thinned(column: &[f64], kept_rows: &[usize]) -> Vec<f64> {
     kept_rows.iter().filter_map(|row| column.get(*row)).copied().collect()
-}
-
-/// Standard deviations of single readings, and how they become those of a level's mean.
-struct Deviations {
-    force_n: f64,
-    displacement_m: f64,
-    force_systematic_n: f64,
-    displacement_systematic_m: f64,
-}
-
-impl Deviations {
-    fn of(session: &Session, run: &LateralRun, used: &[&Hold]) -> Self {
-        let force = pooled_scatter(&|level| [Some(level.force_y_n), level.force_x_n], used);
-        let displacement =
-            pooled_scatter(&|level| [Some(level.displacement_y_m), level.displacement_x_m], used);
-        let (force_n, force_systematic_n) = scatter_and_systematic(
-            force,
-            session.noise.force_n,
-            FORCE_NOISE.least().max(rounding_sd(&run.force.force_y_n)),
-        );
-        let (displacement_m, displacement_systematic_m) = scatter_and_systematic(
-            displacement,
-            stated_displacement_m(session, run),
-            DISPLACEMENT_NOISE.least().max(rounding_sd(&run.force.displacement_y_m)),
-        );
-        Self { force_n, displacement_m, force_systematic_n, displacement_systematic_m }
-    }
-
-    fn force(&self, mean: &Mean) -> Measured {
-        Measured { value: mean.value, sd: mean.standard_error(self.force_n).hypot(self.force_systematic_n) }
-    }
-
-    fn displacement(&self, mean: &Mean) -> Measured {
-        let error_m = mean.standard_error(self.displacement_m);
-        Measured { value: mean.value, sd: error_m.hypot(self.displacement_systematic_m) }
-    }
-
-    fn level(&self, level: &Hold, planes: usize, shape: Vec<ShapeDatum>) -> HoldData {
-        let displacement = [Some(level.displacement_y_m), level.displacement_x_m];
-        let force = [Some(level.force_y_n), level.force_x_n];
-        HoldData {
-            displacement_m: displacement
-                .iter()
-                .flatten()
-                .take(planes)
-                .map(|mean| self.displacement(mean))
-                .collect(),
-            force_n: force.iter().flatten().take(planes).map(|mean| self.force(mean)).collect(),
-            shape,
-        }
-    }
-}
-
-fn pooled_scatter(means: &dyn Fn(&Hold) -> [Option<Mean>; 2], used: &[&Hold]) -> f64 {
-    let scatter = used.iter().flat_map(|level| means(level)).flatten().filter(|mean| mean.samples > 1);
-    let (sum, count) = scatter.fold((0.0, 0.0), |(sum, count), mean| {
-        let freedom = mean.samples as f64 - 1.0;
-        (sum + freedom * mean.scatter.powi(2), count + freedom)
-    });
-    if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
-}
-
-/// Standard deviation of rounding, where the values look rounded: few distinct ones. Rounded values that toggle average
-/// out, so this is for values that do not.
-fn rounding_sd(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.dedup();
-    let step = sorted
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .filter(|step| *step > 1e-9)
-        .fold(f64::INFINITY, f64::min);
-    if sorted.len() * 4 < values.len() && step.is_finite() { step / 12f64.sqrt() } else { 0.0 }
-}
-
-/// The displaced levels in the plane of their displacement, relative to the mean of the zero levels.
-fn balances(
-    used: &[&Hold],
-    noise: &Deviations,
-    planes: usize,
-    shape_of: impl Fn(&Hold) -> Vec<ShapeDatum>,
-) -> Vec<Balance> {
-    let data = |level: &Hold| noise.level(level, planes, shape_of(level));
-    let (zeros, displaced): (Vec<&Hold>, Vec<&Hold>) =
-        used.iter().partition(|level| level.path == Path::Zero);
-    let zeros: Vec<HoldData> = zeros.into_iter().map(data).collect();
-    let mut balances = Vec::new();
-    for level in displaced.into_iter().map(data) {
-        let displacement_m = relative_to_zero(&level, |level| &level.displacement_m, &zeros);
-        let force_n = relative_to_zero(&level, |level| &level.force_n, &zeros);
-        let distance_m = displacement_m.iter().map(|d| d.value.powi(2)).sum::<f64>().sqrt();
-        if distance_m > 0.0 {
-            let normalized: Vec<f64> = displacement_m.iter().map(|d| d.value / distance_m).collect();
-            balances.push(Balance {
-                displacement_m: projected(&displacement_m, &normalized),
-                force_n: projected(&force_n, &normalized),
-                shape_m: level
-                    .shape
-                    .iter()
-                    .map(|point| (point.z_m, projected_deflection(point, &normalized)))
-                    .collect(),
-                shape_sd_m: SHAPE_NOISE.mean(),
-            });
-        }
-    }
-    balances
-}
-
-fn projected_deflection(p: &ShapeDatum, normalized: &[f64]) -> f64 {
-    p.deflection_m.iter().zip(normalized).map(|(u, a)| u * a).sum()
-}
-
-fn projected(measured: &[Measured], normalized: &[f64]) -> Measured {
-    Measured {
-        value: measured.iter().zip(normalized).map(|(m, a)| m.value * a).sum(),
-        sd: measured.iter().zip(normalized).map(|(m, a)| (m.sd * a).powi(2)).sum::<f64>().sqrt(),
-    }
-}
-
-fn relative_to_zero(
-    level: &HoldData,
-    of: fn(&HoldData) -> &Vec<Measured>,
-    zeros: &[HoldData],
-) -> Vec<Measured> {
-    let planes = of(level).iter().enumerate();
-    planes
-        .map(|(plane, measured)| {
-            let zero = mean_zero(plane, of, zeros);
-            Measured { value: measured.value - zero.value, sd: measured.sd.hypot(zero.sd) }
-        })
-        .collect()
-}
-
-fn mean_zero(plane: usize, of: fn(&HoldData) -> &Vec<Measured>, zeros: &[HoldData]) -> Measured {
-    let values: Vec<Measured> = zeros.iter().filter_map(|level| of(level).get(plane).copied()).collect();
-    let n = values.len().max(1) as f64;
-    let variance = values.iter().map(|v| v.sd.powi(2)).sum::<f64>() / (n * n);
-    Measured { value: values.iter().map(|v| v.value).sum::<f64>() / n, sd: variance.sqrt() }
 }
 
 /// At the largest displacement the guide must push, not be pulled.

@@ -231,7 +231,7 @@ impl Display for Text<'_> {
         if let Some(RestsOn { assumption, share_of_variance }) = pooled.rests_on {
             writeln!(
                 f,
-                "             rests most on {assumption} ({:.0} % of the variance)",
+                "             largest contribution: {assumption} ({:.0} % of the variance)",
                 1e2 * share_of_variance
             )?;
         }

@@ -66,12 +66,13 @@ fn k_of_several_depths_goes_through_the_relation_of_each() {
 #[test]
 fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
     let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..Options::default() };
-    let found = identify(&on(body(0.5), &[20.0, 40.0], 6), &options).expect("identifies");
-    let foundation = &found.foundation;
+    let identification = identify(&on(body(0.5), &[20.0, 40.0], 6), &options).expect("identifies");
+    let foundation = &identification.foundation;
     let (gain, margin) = (foundation.log_evidence_gain.expect("compared"), foundation.log_evidence_margin);
     assert_eq!((foundation.used, foundation.by, margin), ("body", "evidence", Some(2.0)));
-    assert!(gain > 2.0 && holds_truth(&found.youngs_modulus_kpa), "{foundation:?}");
-    let sentences = foundation.sentences(&found.pooled, &found.youngs_modulus_kpa).join("; ");
+    assert!(gain > 2.0 && holds_truth(&identification.youngs_modulus_kpa), "{foundation:?}");
+    let sentences =
+        foundation.sentences(&identification.pooled, &identification.youngs_modulus_kpa).join("; ");
     assert!(
         sentences.contains("an elastic body, by evidence") && sentences.contains("as springs: K"),
         "{sentences}"
@@ -101,7 +102,8 @@ fn one_modulus_that_cannot_decide_the_foundation_is_warned_of() {
 fn warns(model: ModelFile, options: &Options) -> bool {
     let identification = identify(&on(model, &[20.0, 30.0, 40.0], 11), options).expect("identifies");
     let varied = identification.foundation.log_evidence_of_varied.expect("compared");
-    let warned = identification.warnings.iter().any(|what| what.contains("one modulus does not decide"));
+    let warned =
+        identification.warnings.iter().any(|warning| warning.contains("is valid for one modulus only"));
     assert_eq!(warned, varied >= 5.0, "{varied}");
     warned
 }

@@ -103,7 +103,7 @@ fn predict(session: &Session) -> Capability {
     ability.usable = !ability.runs.is_empty();
     if ability.usable && from_depth_mm < to_depth_mm {
         ability.remarks.push(format!(
-            "--until {from_depth_mm:.0} to {:.0} mm leaves something to compare with in every insertion",
+            "with --until {from_depth_mm:.0} to {:.0} mm every insertion has later readings to compare with",
             (to_depth_mm - 1.0).max(from_depth_mm)
         ));
     } else if ability.usable {
