@@ -6,20 +6,21 @@
 //! unknown. As the modulus is unknown before the experiment, every figure is the worst over a range of moduli. `cargo xtask
 //! study plan` compares the plan with the scatter of simulated sessions.
 
+mod results;
+
+pub use results::{Choice, Plan, Protocol};
+
 use formats::NORMAL_975;
-use formats::prior_file::ModulusPrior;
 use formats::session::{DEPTH_RANGE_MM, Walls};
 use mechanics::effects::Effect;
 use mechanics::unknowns::sensors::FORCE_ZERO;
 use mechanics::{Beam, Model, ModelError, Rig, Support};
-use modulus::prior::PriorResult;
 use modulus::walls::WallsResult;
 use readings::holds::{HoldCriteria, trimmed_s};
 use readings::{
     FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, SharedErrors,
     effect_parameters, fit,
 };
-use serde::Serialize;
 
 /// Request of a plan.
 #[derive(Debug, Clone)]
@@ -70,94 +71,6 @@ pub struct Limits {
     pub needle_strain: f64,
     /// Deflection of the needle inside the tissue.
     pub deflection_m: f64,
-}
-
-/// One experiment and its expected results, each the worst over the range of moduli.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Choice {
-    /// Position of guide 2.
-    pub guide2_mm: f64,
-    /// Insertion depth.
-    pub depth_mm: f64,
-    /// Displacement of guide 2.
-    pub displacement_mm: f64,
-    /// Half the width of the 95 % interval of K, or of E where the tissue is a body; infinite (`null` in JSON) beyond 1000 %, where the
-    /// modulus is not identifiable.
-    pub half_width_percent: f64,
-    /// The same half-width with the prior of K from many sessions; `None` without such a prior.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub half_width_with_prior_percent: Option<f64>,
-    /// Largest lateral force.
-    pub force_n: f64,
-    /// Largest strain of the needle.
-    pub needle_strain_percent: f64,
-    /// Largest deflection inside the tissue.
-    pub deflection_mm: f64,
-    /// Whether the experiment is within all limits.
-    pub within_limits: bool,
-}
-
-/// All candidate experiments, and the best one.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Plan {
-    /// Name and version of this schema.
-    pub schema: &'static str,
-    /// The run that is assumed.
-    pub protocol: Protocol,
-    /// All experiments, by guide position, depth and displacement.
-    pub choices: Vec<Choice>,
-    /// The experiment with the narrowest interval within the limits; `None` if no experiment is within them.
-    pub best: Option<Choice>,
-    /// Prior of K from many sessions; `None` if it was not given.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub prior: Option<PriorResult>,
-}
-
-impl Plan {
-    /// The same plan with the prior of K from many sessions. Its interval is reported beside that of the run alone.
-    pub fn with_prior(mut self, prior: &ModulusPrior) -> Self {
-        let prior = PriorResult::new(prior, None);
-        let prior_sd = prior.with_prior.map_or(f64::INFINITY, |prior| prior.ln_k_sd);
-        self.choices.iter_mut().chain(&mut self.best).for_each(|choice| {
-            let own_sd = (1e-2 * choice.half_width_percent).ln_1p() / NORMAL_975;
-            // Precisions of two normal distributions add up; a run that identifies nothing leaves the prior.
-            let sd = if own_sd.is_finite() {
-                (own_sd.powi(-2) + prior_sd.powi(-2)).sqrt().recip()
-            } else {
-                prior_sd
-            };
-            choice.half_width_with_prior_percent = Some(100.0 * (NORMAL_975 * sd).exp_m1());
-        });
-        self.prior = Some(prior);
-        self
-    }
-}
-
-/// The run for which the intervals hold.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Protocol {
-    /// Readings per second.
-    pub rate_hz: f64,
-    /// Length of every hold.
-    pub hold_s: f64,
-    /// Holds, as multiples of the displacement.
-    pub levels: Vec<f64>,
-    /// Number of readings in the mean of a hold, without those at its ends, which may belong to a motion.
-    pub readings_per_hold: f64,
-    /// Standard deviation of one reading of the force.
-    pub force_sd_n: f64,
-    /// Standard deviation of one reading of the displacement.
-    pub displacement_sd_mm: f64,
-    /// Standard deviation of one deflection of the shape.
-    pub shape_sd_mm: f64,
-    /// Model of the tissue: `springs`, of which K is identified, or `body`, of which E is.
-    pub foundation: &'static str,
-    /// Poisson's ratio of a body.
-    pub poisson: Option<f64>,
-    /// Its standard deviation.
-    pub poisson_sd: f64,
-    /// The walls of a body, on which E depends. If they are not stated, the half-widths do not include their uncertainty.
-    pub walls: Option<WallsResult>,
 }
 
 /// Why there is no plan.
@@ -284,8 +197,8 @@ impl PlanInput {
         if readings < MIN_READINGS * (1.0 - 1e-9) {
             return Err(PlanError::FewReadings { hold_s, rate_hz, readings });
         }
-        let few = self.depths_m.iter().find(|depth_m| self.points(**depth_m) < MIN_POINTS);
-        few.map_or(Ok(()), |depth_m| {
+        let sparse_depth = self.depths_m.iter().find(|depth_m| self.points(**depth_m) < MIN_POINTS);
+        sparse_depth.map_or(Ok(()), |depth_m| {
             let (spacing_mm, depth_mm) = (1e3 * self.shape_spacing_m, 1e3 * depth_m);
             Err(PlanError::FewPoints { spacing_mm, depth_mm, found: self.points(*depth_m) })
         })

@@ -168,11 +168,11 @@ impl Log {
 impl Step {
     /// Kullback-Leibler divergence of later probabilities from these, nats.
     fn told_by(&self, later: &[Explanation]) -> f64 {
-        let before = |effects: &[String]| {
-            let known = self.explanations.iter().find(|one| one.effects == effects);
-            known.map_or(UNLIKELY, |one| one.probability.max(UNLIKELY))
+        let earlier = |effects: &[String]| {
+            let explanation = self.explanations.iter().find(|one| one.effects == effects);
+            explanation.map_or(UNLIKELY, |one| one.probability.max(UNLIKELY))
         };
-        let term = |one: &Explanation| one.probability * (one.probability / before(&one.effects)).ln();
+        let term = |one: &Explanation| one.probability * (one.probability / earlier(&one.effects)).ln();
         later.iter().filter(|one| one.probability > 0.0).map(term).sum::<f64>().max(0.0)
     }
 }

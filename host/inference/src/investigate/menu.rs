@@ -175,19 +175,19 @@ fn plan(depth_mm: f64, axis: Axis, kind: Kind, largest_mm: f64, rate_hz: f64) ->
 fn words(plan: &LateralPlan, kind: Kind) -> String {
     let axis = if plan.axis == Axis::Y { "y" } else { "x" };
     let largest_mm = plan.levels_m.iter().fold(0.0, |most: f64, level_m| most.max(level_m.abs() / MM));
-    let what = match kind {
+    let run = match kind {
         Kind::Staircase => "a staircase",
         Kind::Larger => "a larger staircase",
         Kind::LongHold => "holds of 30 s",
         Kind::Fast => "a staircase with ramps of 10 mm/s",
     };
-    format!("{what} along {axis} to {largest_mm:.1} mm at {:.0} mm depth", plan.depth_m / MM)
+    format!("{run} along {axis} to {largest_mm:.1} mm at {:.0} mm depth", plan.depth_m / MM)
 }
 
 /// Length of a run, s.
 fn duration_s(plan: &LateralPlan) -> f64 {
-    let way_m: f64 = plan.levels_m.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
-    plan.hold_s * plan.levels_m.len() as f64 + way_m / plan.ramp_m_per_s
+    let path_m: f64 = plan.levels_m.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+    plan.hold_s * plan.levels_m.len() as f64 + path_m / plan.ramp_m_per_s
 }
 
 /// The first of `name-1`, `name-2` and so on that is free.

@@ -178,10 +178,10 @@ mod tests {
     fn diagnosed(session: &Session, menu: &Menu) -> (Diagnosis, Prospects, Vec<PlannedRun>) {
         let planned = menu.runs(Some(session));
         let plans = planned.iter().map(|run| run.plan.clone()).collect();
-        let mut found =
+        let mut diagnosis =
             diagnose(session, &Options { plans, ..Options::default() }, |_| {}).expect("a diagnosis");
-        let prospects = found.prospects.take().expect("prospects");
-        (found, prospects, planned)
+        let prospects = diagnosis.prospects.take().expect("prospects");
+        (diagnosis, prospects, planned)
     }
 
     #[test]
@@ -197,17 +197,18 @@ mod tests {
     fn a_new_axis_tells_of_anisotropy_and_a_repeat_does_not() {
         let session = session(1);
         let menu = Menu::new(Some(&session), &[], None);
-        let (found, prospects, planned) = diagnosed(&session, &menu);
+        let (diagnosis, prospects, planned) = diagnosed(&session, &menu);
         let first = &session.lateral[0];
-        let [repeat, across] = [simulation::simulate::Axis::Y, simulation::simulate::Axis::X].map(|axis| {
-            prospect_where(
-                &|run| is_at_first_depth(run, first.depth_m) && run.plan.axis == axis,
-                &planned,
-                &prospects.runs,
-            )
-        });
-        assert!(across.reasons.contains(&"tissue.anisotropy".to_owned()), "{across:?}");
-        assert!(across.information_nats > 2.0 * repeat.information_nats, "{across:?} {repeat:?}");
+        let [repeat, horizontal] =
+            [simulation::simulate::Axis::Y, simulation::simulate::Axis::X].map(|axis| {
+                prospect_where(
+                    &|run| is_at_first_depth(run, first.depth_m) && run.plan.axis == axis,
+                    &planned,
+                    &prospects.runs,
+                )
+            });
+        assert!(horizontal.reasons.contains(&"tissue.anisotropy".to_owned()), "{horizontal:?}");
+        assert!(horizontal.information_nats > 2.0 * repeat.information_nats, "{horizontal:?} {repeat:?}");
         // Knowledge of the modulus grows with every run, and less than in proportion to noise alone.
         assert!(
             repeat.modulus_nats > 0.0 && repeat.modulus_nats < 0.5 * std::f64::consts::LN_2,
@@ -217,25 +218,26 @@ mod tests {
         assert!((0.9..=1.0 + 1e-9).contains(&explained) && prospects.unseen_probability < 1.0);
 
         let bounds = Bounds { runs_left: 5, force_limit_n: 4.0 };
-        let Decision::Measure(choice) = decide(Goal::Name, &found, &prospects, planned.clone(), bounds)
+        let Decision::Measure(choice) = decide(Goal::Name, &diagnosis, &prospects, planned.clone(), bounds)
         else {
             panic!("a run is worth making");
         };
         assert!(
-            choice.prospect.information_nats >= across.information_nats - 1e-12 || choice.run.minutes < 1.0
+            choice.prospect.information_nats >= horizontal.information_nats - 1e-12
+                || choice.run.minutes < 1.0
         );
         assert_eq!(
-            decide(Goal::Name, &found, &prospects, planned.clone(), Bounds { runs_left: 0, ..bounds }),
+            decide(Goal::Name, &diagnosis, &prospects, planned.clone(), Bounds { runs_left: 0, ..bounds }),
             Decision::Stop(End::MaxRuns)
         );
         // A force that no run may reach leaves nothing, and a modulus that is known well enough ends at once.
-        let none = Bounds { force_limit_n: 0.0, ..bounds };
+        let forceless = Bounds { force_limit_n: 0.0, ..bounds };
         assert_eq!(
-            decide(Goal::Name, &found, &prospects, planned.clone(), none),
+            decide(Goal::Name, &diagnosis, &prospects, planned.clone(), forceless),
             Decision::Stop(End::NothingMissing)
         );
         assert_eq!(
-            decide(Goal::Modulus(0.5), &found, &prospects, planned, bounds),
+            decide(Goal::Modulus(0.5), &diagnosis, &prospects, planned, bounds),
             Decision::Stop(End::ModulusKnown)
         );
     }
@@ -255,8 +257,8 @@ mod tests {
 
     #[test]
     fn more_runs_leave_less_to_tell() {
-        let (few, many) = (session(1), session(4));
-        assert!(best_modulus_nats(&many) < best_modulus_nats(&few));
+        let (short, long) = (session(1), session(4));
+        assert!(best_modulus_nats(&long) < best_modulus_nats(&short));
     }
 
     fn best_modulus_nats(session: &Session) -> f64 {
@@ -268,19 +270,19 @@ mod tests {
     fn a_log_goes_on_where_it_was_left() {
         let session = session(1);
         let menu = Menu::new(Some(&session), &[], None);
-        let (found, prospects, planned) = diagnosed(&session, &menu);
+        let (diagnosis, prospects, planned) = diagnosed(&session, &menu);
         let folder = tempfile::tempdir().expect("a folder");
         let mut log = Log::read(folder.path()).expect("a new log");
-        log.push(1, &found, &prospects);
+        log.push(1, &diagnosis, &prospects);
         let run = planned[0].clone();
         log.choose(&ChosenRun { prospect: prospects.runs[0].clone(), run });
         log.write(folder.path()).expect("written");
         let mut again = Log::read(folder.path()).expect("the same");
         assert_eq!(again.steps, log.steps);
         // The same runs once more take the place of the step.
-        again.push(1, &found, &prospects);
+        again.push(1, &diagnosis, &prospects);
         assert_eq!((again.steps.len(), again.steps[0].realised_nats), (1, None));
-        again.push(2, &found, &prospects);
+        again.push(2, &diagnosis, &prospects);
         assert_eq!(again.steps.len(), 2);
         assert!(
             again.steps[1].realised_nats.is_some_and(|nats| nats < 1e-9),

@@ -1,6 +1,7 @@
 //! The bound against reference values, limits, ranges, and the scatter of simulated sessions.
 
 use super::*;
+use formats::prior_file::ModulusPrior;
 use mechanics::Needle;
 use mechanics::effects::effect;
 
@@ -183,7 +184,7 @@ fn sd_ln(percent: f64) -> f64 {
 }
 
 fn modulus_prior(scale_ln: f64) -> ModulusPrior {
-    formats::prior_file::ModulusPrior {
+    ModulusPrior {
         file: "prior.toml".to_owned(),
         group: "all".to_owned(),
         sessions: 20,
