@@ -1,6 +1,7 @@
 //! `guide acquire` and `guide record`: measuring into a session.
 
-use super::followed::Followed;
+mod report;
+
 use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
@@ -13,13 +14,11 @@ use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquir
 use device::recording::{RawFile, RawRecorder, RecordingInfo};
 use device::sweep::Sweep;
 use formats::model_file::ModelFile;
-use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup, sweeps_file};
+use formats::session::{DEPTH_RANGE_MM, Provenance, SessionWriter, Setup};
 use indicatif::{ProgressBar, ProgressStyle};
-use inference::holds::{HoldCriteria, UnusedPart, summary, unused};
 use protocol::{Request, Step};
-use serde::Serialize;
-use std::fmt::{self, Display};
-use std::path::{Path, PathBuf};
+use report::print;
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -140,74 +139,6 @@ pub struct RecordArgs {
     tracker: TrackerArgs,
     #[command(flatten)]
     publish: PublishArgs,
-}
-
-#[derive(Serialize)]
-struct Report<'a> {
-    schema: &'static str,
-    session: &'a str,
-    run: &'a str,
-    #[serde(flatten)]
-    recorded: Recorded,
-    raw: Option<&'a RawFile>,
-    /// The list of ultrasound frames, where there are some.
-    frames: Option<PathBuf>,
-    /// Holds, sweeps and points that no result will use.
-    unused: Vec<UnusedPart>,
-    /// Agreement of the force with a model, if one was given.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    followed: Option<Followed>,
-}
-
-impl Display for Report<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Recorded {
-            samples,
-            duration_s,
-            sweeps,
-            samples_missing,
-            samples_without_force,
-            clock_steps,
-            link,
-        } = self.recorded;
-        writeln!(
-            f,
-            "recorded   {} in {}: {samples} samples in {duration_s:.3} s, {sweeps} sweeps",
-            self.run, self.session
-        )?;
-        if samples_missing == 0 && link == Default::default() {
-            writeln!(f, "lost       nothing")?;
-        } else {
-            writeln!(
-                f,
-                "lost       {samples_missing} samples ({} frames missing, {} corrupt, {} unreadable)",
-                link.frames_missing, link.frames_corrupt, link.frames_unreadable
-            )?;
-        }
-        if samples_without_force > 0 {
-            writeln!(f, "force      {samples_without_force} samples without a valid reading are left out")?;
-        }
-        if clock_steps > 0 {
-            writeln!(
-                f,
-                "warning    the device's clock stepped back {clock_steps} times without a restart: what follows is a segment of its own, marked \
-                 in the file, whose times go on from those before"
-            )?;
-        }
-        if let Some(frames) = &self.frames {
-            writeln!(f, "frames     {}: next, guide import ultrasound --run {}", frames.display(), self.run)?;
-        }
-        if let Some(raw) = self.raw {
-            writeln!(f, "raw        {}: {} bytes", raw.path.display(), raw.bytes)?;
-        }
-        if let Some(followed) = &self.followed {
-            write!(f, "{followed}")?;
-        }
-        for line in summary(&self.unused) {
-            writeln!(f, "warning    {line}")?;
-        }
-        Ok(())
-    }
 }
 
 /// Runs `guide acquire`.
@@ -433,36 +364,4 @@ fn measure(
     let outcome = record(&mut Recorder::new(&mut writer));
     writer.finish()?;
     outcome
-}
-
-fn print(
-    schema: &'static str,
-    args: &SessionArgs,
-    id: &str,
-    recorded: Recorded,
-    raw: Option<&RawFile>,
-    follower: Option<Follower>,
-    out: &mut Output,
-) -> anyhow::Result<()> {
-    let session = args.out.to_string_lossy();
-    let frames = Some(sweeps_file(&args.out, id)).filter(|file| file.exists());
-    let report = Report {
-        schema,
-        session: &session,
-        run: id,
-        recorded,
-        raw,
-        frames,
-        unused: unused_of(&args.out, id),
-        followed: follower.map(Followed::from),
-    };
-    out.result(&report, &report)
-}
-
-/// Rows of a run that no result will use. If another run makes the session unreadable there is no remark here: `guide
-/// check` does.
-fn unused_of(dir: &Path, id: &str) -> Vec<UnusedPart> {
-    let Ok(session) = Session::read(dir) else { return Vec::new() };
-    let run = session.lateral.iter().find(|run| run.id == id);
-    run.map_or_else(Vec::new, |run| unused(run, &session.rig, &HoldCriteria::default()))
 }
