@@ -27,8 +27,8 @@ pub fn force(run: &LateralRun, found: &RunResult) -> Result<String, FigureError>
         area.fill(&WHITE).map_err(failed)?;
         let title = format!("{}: force against displacement", run.id);
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
-        let all = || planes.iter().flat_map(|(.., points)| points);
-        let (x, y) = (range(all().map(|at| at.0)), range(all().map(|at| at.1)));
+        let all_points = || planes.iter().flat_map(|(.., points)| points);
+        let (x, y) = (range(all_points().map(|at| at.0)), range(all_points().map(|at| at.1)));
         let y = headroom(y, planes.len() + 2, 400);
         let mut chart = axes(&area, x, y, "force, N", "displacement of guide 2, mm")?;
         for (name, colour, points) in planes {
@@ -80,7 +80,6 @@ fn fitted_y(found: &RunResult) -> Vec<(f64, f64)> {
 pub fn run_residuals(found: &RunResult) -> Result<String, FigureError> {
     let middles_s: Vec<f64> =
         found.holds.iter().filter(|hold| hold.used).map(|hold| 0.5 * (hold.from_s + hold.to_s)).collect();
-    let along = |one: &ResidualResult| Some((one.z_mm?, one.sigma));
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, (WIDTH, 620)).into_drawing_area();
@@ -88,11 +87,15 @@ pub fn run_residuals(found: &RunResult) -> Result<String, FigureError> {
         let title = format!("{}: residuals, standard deviations", found.id);
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
         let (upper_area, lower_area) = area.split_vertically(280);
-        panel(&upper_area, found, "position along the needle, mm", &along)?;
+        panel(&upper_area, found, "position along the needle, mm", &point_along_needle)?;
         panel(&lower_area, found, "time, s", &|one| point_over_time(one, &middles_s))?;
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+fn point_along_needle(one: &ResidualResult) -> Option<(f64, f64)> {
+    Some((one.z_mm?, one.sigma))
 }
 
 fn point_over_time(one: &ResidualResult, middles_s: &[f64]) -> Option<(f64, f64)> {

@@ -185,9 +185,9 @@ pub fn check(names: &[String], library: &[u8], licences: &Licences) -> Result<()
             "{name}: is in the wheel, expected the package, its description and its licences only"
         );
     }
-    let inside =
+    let has_licence =
         |licence: &str| names.iter().any(|name| name.ends_with(&format!(".dist-info/licenses/{licence}")));
-    ensure!(inside(FILE), "the wheel has no {FILE}");
+    ensure!(has_licence(FILE), "the wheel has no {FILE}");
     let compiled = traces(library);
     ensure!(!compiled.is_empty(), "the module names none of the packages that are compiled into it");
     let named: BTreeSet<String> = licences.packages.iter().map(Package::folder).collect();

@@ -61,10 +61,11 @@ pub fn release(arguments: &[OsString]) -> Result<ExitCode> {
     parts::firmware(&release)?;
     parts::manual(&release)?;
     pack(&release)?;
-    if let Some(other) = &options.same_as {
-        let same = build::run(&checker(), [OsStr::new(&bundle()), OsStr::new("--same-as")], &[other.into()])?;
-        if same != ExitCode::SUCCESS {
-            return Ok(same);
+    if let Some(bundle_path) = &options.same_as {
+        let comparison =
+            build::run(&checker(), [OsStr::new(&bundle()), OsStr::new("--same-as")], &[bundle_path.into()])?;
+        if comparison != ExitCode::SUCCESS {
+            return Ok(comparison);
         }
     }
     if options.test { test(&release, python.as_deref()) } else { Ok(ExitCode::SUCCESS) }
@@ -78,8 +79,8 @@ fn options(arguments: &[OsString]) -> Result<Options> {
             Some("--debug") => options.profile = "dev",
             Some("--test") => options.test = true,
             Some("--same-as") => {
-                let other = arguments.next().context("--same-as: expected the folder of a bundle")?;
-                options.same_as = Some(std::path::absolute(other)?);
+                let folder = arguments.next().context("--same-as: expected the folder of a bundle")?;
+                options.same_as = Some(std::path::absolute(folder)?);
             }
             Some("--only") => {
                 let name = arguments.next().and_then(|name| name.to_str()).unwrap_or_default();

@@ -42,15 +42,15 @@ fn program_module_studies_and_single_crates_are_built_of_what_the_workspace_is()
     ];
     for selection in selections {
         for (library, sets) in resolved(selection) {
-            let Some(known) = workspace.get(&library) else { continue };
+            let Some(workspace_sets) = workspace.get(&library) else { continue };
             // The module is empty in the workspace: its own features are for it alone.
             if library.starts_with("needle-guide ") {
                 continue;
             }
-            let others: Vec<&String> = sets.difference(known).collect();
+            let added: Vec<&String> = sets.difference(workspace_sets).collect();
             assert!(
-                others.is_empty(),
-                "{selection:?}: {library} with the features {others:?}, in the workspace with {known:?}: a library that needs more than \
+                added.is_empty(),
+                "{selection:?}: {library} with the features {added:?}, in the workspace with {workspace_sets:?}: a library that needs more than \
                  `host/features/Cargo.toml` states has it stated there"
             );
         }
