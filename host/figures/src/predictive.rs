@@ -1,6 +1,6 @@
 //! Readings beside what a model predicts of them, before it knew them and after.
 
-use super::{FONT, FigureError, GREY, WIDTH, axes, failed, legend, range};
+use super::{FONT, FigureError, WIDTH, axes, failed, legend, range};
 use inference::draws::{Draws, Group};
 use plotters::prelude::*;
 use std::ops::Range;
