@@ -7,6 +7,7 @@
 //! | [`track`] | stiffness and damping over steering runs |
 //! | [`diagnose`] | where model and measurement disagree, and which effect is missing |
 //! | [`investigate`] | the most informative run about the missing effect, one run after the other |
+//! | [`follow`] | since when readings no longer follow a model, said while they come |
 //! | [`plan`] | the interval that a lateral run will give |
 //! | [`check`] | what each command can do with a session |
 //! | [`fit()`], [`LateralData`] | weighted least squares over parameters shared by all runs and nuisances of each run; a lateral run as one of its blocks |
@@ -32,6 +33,7 @@
 #![deny(missing_docs)]
 
 pub mod check;
+pub mod follow;
 pub mod investigate;
 pub mod plan;
 pub mod predict;

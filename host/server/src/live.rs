@@ -9,9 +9,9 @@ use crate::control::{Control, HEARTBEAT_LIMIT, PageId};
 use crate::frames::{Frames, FramesTap};
 use crate::request::Request;
 use crate::update::{ControlHolder, Outcome, RunningProgram, Update};
-use device::link::{Client, Program};
+use device::link::{Batch, Client, Program, Telemetry};
 use device::monitor::report::Report;
-use device::monitor::{State, UserCommand, Worker};
+use device::monitor::{Event, State, UserCommand, Worker};
 use std::io;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, Receiver, SyncSender};
@@ -63,11 +63,16 @@ pub struct Live {
 }
 
 impl Live {
-    /// Follows a device that has been connected; pages can have these programs run.
+    /// Follows a device that has been connected; pages can have these programs run. `compare` receives every batch of samples, and returns in
+    /// words what it no longer finds in agreement with a model.
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn start(client: Client, programs: Vec<Program>) -> io::Result<Self> {
+    pub fn start(
+        client: Client,
+        programs: Vec<Program>,
+        mut compare: impl FnMut(&Batch) -> Vec<String> + Send + 'static,
+    ) -> io::Result<Self> {
         let (sender, requests) = mpsc::sync_channel(MAX_WAITING);
         let feed = Arc::new(SharedState {
             state: Mutex::new(State::new(client.port())),
@@ -81,7 +86,15 @@ impl Live {
         });
         let on_event = {
             let feed = Arc::clone(&feed);
-            move |event| lock(&feed.state).take(event, feed.began.elapsed().as_secs_f64())
+            move |event| {
+                let departures = match &event {
+                    Event::Telemetry(Telemetry::Samples(batch)) => compare(batch),
+                    _ => Vec::new(),
+                };
+                let (mut state, now_s) = (lock(&feed.state), feed.began.elapsed().as_secs_f64());
+                state.take(event, now_s);
+                departures.into_iter().for_each(|words| state.take(Event::Parted(words), now_s));
+            }
         };
         let frames = Arc::clone(&feed.frames);
         let worker =

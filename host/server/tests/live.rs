@@ -1,6 +1,6 @@
 //! Pages that watch and move a device, over real sockets.
 
-use device::link::{Client, Program};
+use device::link::{Batch, Client, Program};
 use fake_device::{FakeDevice, Script};
 use protocol::{EnvelopeReceiver, Message as FromDevice, Received, Request as ToDevice, SequenceTracker};
 use serde_json::{Value, json};
@@ -41,7 +41,10 @@ fn served() -> Served {
     let folder = tempfile::tempdir().expect("a folder");
     let client = Client::connect(&device.port).expect("connects");
     let programs = vec![Program::load("displace").expect("built in")];
-    let mut live = Live::start(client, programs).expect("a thread");
+    // The first samples no longer follow some model.
+    let mut words = Some("the force along y no longer follows the model since 12:03:11 UTC".to_owned());
+    let compare = move |batch: &Batch| words.take_if(|_| !batch.points.is_empty()).into_iter().collect();
+    let mut live = Live::start(client, programs, compare).expect("a thread");
     let page = Page { text: String::new(), policy: String::new() };
     let sessions = Sessions::of(folder.path()).expect("a folder");
     let server =
@@ -162,6 +165,16 @@ impl Tab {
 
     fn raw(&mut self, bytes: &[u8]) {
         self.socket.get_mut().write_all(bytes).expect("sent");
+    }
+}
+
+#[test]
+fn every_page_says_that_the_force_no_longer_follows_the_model() {
+    let served = served();
+    for mut tab in [served.page(), served.page()] {
+        let update = tab.until(false, |update| update["device"]["parted"].is_array());
+        let words = "the force along y no longer follows the model since 12:03:11 UTC";
+        assert_eq!(update["device"]["parted"], json!([words]));
     }
 }
 

@@ -1,21 +1,18 @@
 //! `guide monitor`: the live screen, its keys, and its forms for machines and for logs.
 
+use super::followed::FollowArgs;
 use super::output::Output;
-use super::record::depth_mm;
 use super::rig_args::{PortArgs, interrupted};
 use super::terminal_end::ends_with_its_terminal;
-use crate::follow::Follower;
+use crate::follow::{push, sentence_now};
 use crate::screen::{Screen, Settings};
 use anyhow::{Context, bail};
 use device::link::{Client, Telemetry};
 use device::monitor::report::Report;
 use device::monitor::{Event as LinkEvent, State, UserCommand, Worker};
-use formats::model_file::ModelFile;
-use formats::session::Setup;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::io::{self, IsTerminal};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -46,26 +43,8 @@ pub struct Args {
     /// Stream two seconds of the device's time, print the screen once as plain text, 80 by 24, and end
     #[arg(long, conflicts_with = "duration_s")]
     once: bool,
-    /// Compare the force with this model (model.toml of `guide diagnose --out`) and say since when it no longer follows
-    #[arg(long, value_name = "FILE", requires_all = ["rig", "depth_mm"])]
-    follow: Option<PathBuf>,
-    /// Needle and guides of --follow: a TOML file with `[needle]`, `[rig]` as in a session
-    #[arg(long, value_name = "FILE", requires = "follow")]
-    rig: Option<PathBuf>,
-    /// Insertion depth of --follow, millimetres
-    #[arg(long, value_name = "MM", value_parser = depth_mm, requires = "follow")]
-    depth_mm: Option<f64>,
-}
-
-impl Args {
-    /// Comparison of the force with a model, if one is given.
-    fn follower(&self) -> anyhow::Result<Option<Follower>> {
-        let (Some(path), Some(rig), Some(depth_mm)) = (&self.follow, &self.rig, self.depth_mm) else {
-            return Ok(None);
-        };
-        let follower = Follower::new(&ModelFile::read(path)?, &Setup::read(rig)?.rig, 1e-3 * depth_mm);
-        Ok(Some(follower.with_context(|| format!("{}: cannot be followed", path.display()))?))
-    }
+    #[command(flatten)]
+    follow: FollowArgs,
 }
 
 fn duration_s(text: &str) -> Result<f64, String> {
@@ -85,7 +64,7 @@ struct Watch {
 impl Watch {
     fn begin(args: &Args) -> anyhow::Result<Self> {
         let interrupted = interrupted()?;
-        let mut follower = args.follower()?;
+        let mut follower = args.follow.follower()?;
         let port = &args.port.port;
         let client = Client::connect(port)?;
         let (state, began) = (Arc::new(Mutex::new(State::new(port))), Instant::now());
@@ -94,14 +73,14 @@ impl Watch {
             move |event| {
                 let departures = match (&event, &mut follower) {
                     (LinkEvent::Telemetry(Telemetry::Samples(batch)), Some(follower)) => {
-                        follower.push(&batch.points)
+                        push(follower, &batch.points)
                     }
                     _ => Vec::new(),
                 };
                 let (mut state, now_s) = (lock(&state), began.elapsed().as_secs_f64());
                 state.take(event, now_s);
                 for parted in departures {
-                    state.take(LinkEvent::Parted(parted.sentence(parted.time_of_day())), now_s);
+                    state.take(LinkEvent::Parted(sentence_now(&parted)), now_s);
                 }
             }
         })

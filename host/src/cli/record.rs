@@ -2,10 +2,11 @@
 
 mod report;
 
+use super::followed::{self, Followed};
 use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
-use crate::follow::Follower;
+use crate::follow::{Follower, push, sentence_now};
 use crate::foreign::{Form, printable};
 use crate::igtl::Live;
 use anyhow::{Context, bail, ensure};
@@ -58,9 +59,7 @@ impl SessionArgs {
     fn follower(&self, setup: &Setup) -> anyhow::Result<Option<Follower>> {
         let Some(path) = &self.follow else { return Ok(None) };
         ensure!(self.depth_mm > 0.0, "--follow: in air no model has a force, expected a depth in tissue");
-        let model = ModelFile::read(path)?;
-        let follower = Follower::new(&model, &setup.rig, 1e-3 * self.depth_mm);
-        Ok(Some(follower.with_context(|| format!("{}: cannot be followed", path.display()))?))
+        followed::follower(path, &setup.rig, self.depth_mm).map(Some)
     }
 }
 
@@ -274,9 +273,11 @@ impl AcquisitionObserver for Watch<'_> {
             live.samples(batch);
         }
         let departures =
-            self.follower.as_mut().map(|follower| follower.push(&batch.points)).unwrap_or_default();
+            self.follower.as_mut().map(|follower| push(follower, &batch.points)).unwrap_or_default();
         for parted in departures {
-            self.note(&format!("warning: {}", parted.sentence(parted.time_of_day())));
+            let sentence = sentence_now(&parted);
+            self.note(&format!("warning: {sentence}"));
+            self.live.iter_mut().for_each(|live| live.scene().parted(sentence.clone()));
         }
     }
 

@@ -1,8 +1,10 @@
 //! `guide serve`: results of a session and what its device measures, for OpenIGTLink clients.
 
+use super::followed;
 use super::igtl::{RateArgs, USUAL, set_tissue_model};
 use super::output::Output;
 use super::rig_args::interrupted;
+use crate::follow::{Follower, push, sentence_now};
 use crate::igtl::{Live, Scene, live};
 use anyhow::{Context, bail};
 use device::igtl::Message;
@@ -31,7 +33,7 @@ const FILE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Publish results and live values over OpenIGTLink (3D Slicer, PLUS and others): guide, force, needle, tip, modulus, predicted path
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide serve phantom-a --igtl\n  guide serve phantom-a --igtl --port /dev/ttyACM0 --depth-mm 30\n  guide serve \
+    after_help = "Example:\n  guide serve phantom-a --igtl\n  guide serve phantom-a --igtl --port /dev/ttyACM0 --depth-mm 30 --follow model.toml\n  guide serve \
                         phantom-a --igtl=0.0.0.0:18944"
 )]
 pub struct Args {
@@ -53,6 +55,9 @@ pub struct Args {
     /// Take the effects of a model file (model.toml) into the model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Compare the force with this model (model.toml of `guide diagnose --out`) and say since when it no longer follows
+    #[arg(long, value_name = "FILE", requires = "port")]
+    follow: Option<PathBuf>,
     /// Depth up to which readings of each insertion are used for the prediction of its rest, millimetres
     #[arg(long, value_name = "MM", default_value_t = 50.0, value_parser = super::record::depth_mm)]
     until: f64,
@@ -91,12 +96,13 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let interrupted = interrupted()?;
     let model = args.model.as_deref().map(ModelFile::read).transpose()?;
     let session = Session::read(&args.dir)?;
+    let follower = args.follower(&session)?;
     let scene = Scene::new(session.rig.guide2_m, session.rig.entry_m);
     let client = args.port.as_deref().map(Client::connect).transpose()?;
     let live = Arc::new(Mutex::new(args.rate.serve(&args.igtl, scene)?));
     let address = lock(&live).publisher().address().to_string();
     let (remarks, received) = mpsc::channel();
-    let worker = client.map(|client| follow(client, &live, remarks)).transpose()?;
+    let worker = client.map(|client| follow(client, follower, &live, remarks)).transpose()?;
     let report = Report { schema: "guide.serve/1", session: &args.dir, address, port: args.port.as_deref() };
     out.line(&report, &report)?;
 
@@ -126,12 +132,41 @@ fn is_over(began: Instant, duration_s: Option<f64>) -> bool {
     duration_s.is_some_and(|limit_s| began.elapsed().as_secs_f64() > limit_s)
 }
 
-/// Publishes what the device streams; a lost connection is made again.
-fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> anyhow::Result<Worker> {
+impl Args {
+    /// Depth of the needle, as stated or that of the last lateral run.
+    fn depth_mm(&self, session: &Session) -> Option<f64> {
+        self.depth_mm.or_else(|| session.lateral.last().map(|run| 1e3 * run.depth_m))
+    }
+
+    /// Comparison of the force with a model, if one is given.
+    fn follower(&self, session: &Session) -> anyhow::Result<Option<Follower>> {
+        let Some(path) = &self.follow else { return Ok(None) };
+        let depth_mm = self.depth_mm(session).filter(|depth_mm| *depth_mm > 0.0);
+        let depth_mm =
+            depth_mm.context("--follow: in air no model has a force, expected a depth in tissue")?;
+        followed::follower(path, &session.rig, depth_mm).map(Some)
+    }
+}
+
+/// Publishes what the device streams, and since when its force no longer follows the model; a lost connection is made again.
+fn follow(
+    client: Client,
+    mut follower: Option<Follower>,
+    live: &Arc<Mutex<Live>>,
+    remarks: Sender<String>,
+) -> anyhow::Result<Worker> {
     let live = Arc::clone(live);
     Worker::start(client, move |event| {
         let remark = match event {
-            Event::Telemetry(Telemetry::Samples(batch)) => return lock(&live).samples(&batch),
+            Event::Telemetry(Telemetry::Samples(batch)) => {
+                let departures =
+                    follower.as_mut().map(|follower| push(follower, &batch.points)).unwrap_or_default();
+                for sentence in departures.iter().map(sentence_now) {
+                    let _ = remarks.send(format!("warning: {sentence}"));
+                    lock(&live).scene().parted(sentence);
+                }
+                return lock(&live).samples(&batch);
+            }
             Event::Lost(reason) => format!("the connection to the device is lost: {reason}"),
             Event::Parted(text) => text,
             Event::Connected { .. } | Event::Telemetry(_) | Event::LinkTotals(_) | Event::Command(_) => {
@@ -199,8 +234,7 @@ impl Results<'_> {
 
     /// Has tip and shape published.
     fn publish_tissue(&mut self, session: &Session, k_kpa: Option<f64>, out: &Output) {
-        let last_mm = session.lateral.last().map(|run| 1e3 * run.depth_m);
-        let Some(depth_mm) = self.args.depth_mm.or(last_mm) else {
+        let Some(depth_mm) = self.args.depth_mm(session) else {
             let [least, most] = DEPTH_RANGE_MM;
             return self.note(
                 format!("tip and shape of the needle are not published: give its depth with --depth-mm ({least} to {most})"),

@@ -6,12 +6,14 @@ mod live;
 #[cfg(not(feature = "screen"))]
 #[path = "steer/without_screen.rs"]
 mod live;
+mod outcome;
 mod publish;
 mod text;
 
 use super::igtl::USUAL;
 use super::output::Output;
 use super::rig_args::{ForceLimitArgs, StartArgs, interrupted};
+use crate::follow::{Parted, SteeredFollower, sentence_of_plant};
 use anyhow::{Context, anyhow, bail, ensure};
 use device::igtl::{Publisher, server};
 use device::link::Client;
@@ -21,17 +23,16 @@ use drawing::Readings;
 use formats::NORMAL_975;
 use formats::model_file::ModelFile;
 use live::Live;
+use outcome::{CueDocument, Fault, report};
 use publish::Published;
-use serde::Serialize;
 use std::fs::{self, File, OpenOptions};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use steering::{
-    Cue, Event, KnownEffect, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run,
-    SteerError, steer,
+    Cue, Event, KnownEffect, Options, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run, SteerError,
+    steer,
 };
-use text::Text;
 pub use text::write_before;
 
 /// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at stops, supervise, record
@@ -111,35 +112,6 @@ pub fn target(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
-/// The document of a run.
-#[derive(Serialize)]
-struct Document<'a> {
-    schema: &'static str,
-    target_mm: [f64; 3],
-    /// File of the record.
-    record: Option<String>,
-    /// Whether this is a recorded run carried out again.
-    replayed: bool,
-    /// Name and cause, where the run ended by a fault.
-    fault: Option<Fault>,
-    /// `None` if the run ended by a fault.
-    run: Option<&'a Run>,
-}
-
-/// The document of a cue, on one line.
-#[derive(Serialize)]
-struct CueDocument {
-    schema: &'static str,
-    #[serde(flatten)]
-    cue: Cue,
-}
-
-#[derive(Serialize, Clone)]
-struct Fault {
-    name: &'static str,
-    cause: String,
-}
-
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(file) = &args.replay {
@@ -172,23 +144,31 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         }
         None => None,
     };
-    let mut followed =
-        Followed { readings: Readings::default(), published: Published::new(publisher, target_mm), live };
+    let mut followed = Followed {
+        readings: Readings::default(),
+        agreement: SteeredFollower::default(),
+        published: Published::new(publisher, target_mm),
+        live,
+    };
     let (file, path) = create(dir)?;
     let record = Record::new(file);
     record.note("options", &options);
     // The options are those that a replay reads, to the last bit.
     let options = serde_json::from_str(&serde_json::to_string(&options)?)?;
     let mut closed = None;
-    let prints = args.advise && !followed.live.is_shown();
+    let is_shown = followed.live.is_shown();
     followed.live.begin()?;
-    let mut on_cue = |cue: Cue| {
-        if prints && closed.is_none() {
+    let mut on_news = |news: News| match news {
+        News::Cue(cue) if args.advise && !is_shown && closed.is_none() => {
             let words = format!("{cue}\n");
             closed = out.line(&CueDocument { schema: "guide.steer_cue/1", cue }, words).err();
         }
+        News::Parted(parted) if !is_shown => {
+            out.note(format_args!("warning: {}", sentence_of_plant(&parted)));
+        }
+        News::Cue(_) | News::Parted(_) => {}
     };
-    let outcome = driver.carry_out(&options, &record, &mut followed, &mut on_cue);
+    let outcome = driver.carry_out(&options, &record, &mut followed, &mut on_news);
     followed.live.end(&outcome, out)?;
     if let Some(error) = closed {
         return Err(error);
@@ -199,7 +179,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Ok(run) = &outcome {
         drawing::draw(run, &followed.readings, args.plots.as_deref(), out)?;
     }
-    report(outcome, &options, Some(&path), false, out)
+    report(outcome, &options, Some(&path), false, &followed.agreement.agreement(), out)
 }
 
 /// Intervals of a rig in a file, as normal distributions.
@@ -218,9 +198,18 @@ pub fn known(rig: &ModelFile) -> Vec<KnownEffect> {
         .collect()
 }
 
+/// What is said while a run goes on.
+enum News {
+    /// What is to be done next.
+    Cue(Cue),
+    /// Readings no longer follow the model.
+    Parted(Parted),
+}
+
 /// Records and published values of a run.
 struct Followed {
     readings: Readings,
+    agreement: SteeredFollower,
     published: Published,
     live: Live,
 }
@@ -268,21 +257,21 @@ impl Driver {
         options: &Options,
         record: &Record,
         followed: &mut Followed,
-        on_cue: &mut dyn FnMut(Cue),
+        on_news: &mut dyn FnMut(News),
     ) -> Result<Run, SteerError> {
         let Self { words, client, interrupted } = self;
         let (program, arguments) = words.split_first().map_or(("", &[][..]), |(first, rest)| (first, rest));
         match client {
             None => {
                 let mut plant = ProcessPlant::start(program, arguments, record.clone(), interrupted)?;
-                carry_out(&mut plant, options, record, followed, on_cue)
+                carry_out(&mut plant, options, record, followed, on_news)
             }
             Some(client) => {
                 // The lines of the whole are recorded, not those of its needle's side.
                 let needle = ProcessPlant::start(program, arguments, Record::default(), interrupted)
                     .map_err(|error| record.failure(error))?;
                 let plant = RigPlant::new(client, needle, interrupted);
-                carry_out(&mut Recorded { plant, record: record.clone() }, options, record, followed, on_cue)
+                carry_out(&mut Recorded { plant, record: record.clone() }, options, record, followed, on_news)
             }
         }
     }
@@ -308,74 +297,48 @@ fn carry_out(
     options: &Options,
     record: &Record,
     followed: &mut Followed,
-    on_cue: &mut dyn FnMut(Cue),
+    on_news: &mut dyn FnMut(News),
 ) -> Result<Run, SteerError> {
     let target_depth_mm = options.target_mm[2];
-    let Followed { readings, published, live } = followed;
-    let mut on_cue = |cue: Cue| {
-        published.cue(&cue);
-        on_cue(cue);
-    };
+    let Followed { readings, agreement, published, live } = followed;
     let result = steer(plant, options, &mut |event| {
         live.take(event);
         match event {
-            Event::Statement(stated) => on_cue(Cue {
-                depth_mm: 0.0,
-                turn_by_deg: None,
-                bevel_deg: stated.bevel_deg,
-                push_to_mm: options.rest_every_mm.min(target_depth_mm),
-                limits: None,
-            }),
+            Event::Statement(stated) => {
+                let cue = Cue {
+                    depth_mm: 0.0,
+                    turn_by_deg: None,
+                    bevel_deg: stated.bevel_deg,
+                    push_to_mm: options.rest_every_mm.min(target_depth_mm),
+                    limits: None,
+                };
+                published.cue(&cue);
+                on_news(News::Cue(cue));
+            }
             Event::Decision(decision) => {
                 record.note("decision", decision);
                 published.decision(decision);
-                on_cue(decision.cue(target_depth_mm));
+                let cue = decision.cue(target_depth_mm);
+                published.cue(&cue);
+                on_news(News::Cue(cue));
             }
             Event::Answer(answer) => readings.take(answer),
+            Event::Compared(comparison) => {
+                for parted in agreement.take(comparison) {
+                    record.note("parted", &parted);
+                    published.parted(&parted);
+                    live.parted(&parted);
+                    on_news(News::Parted(parted));
+                }
+            }
             _ => {}
         }
     });
     match &result {
         Ok(run) => record.note("outcome", &run.outcome),
-        Err(error) => record.note("fault", &Fault { name: error.name(), cause: error.to_string() }),
+        Err(error) => record.note("fault", &Fault::from(error)),
     }
     result
-}
-
-/// Prints the outcome; a fault, a refusal and a stop are failures of the command too.
-fn report(
-    outcome: Result<Run, SteerError>,
-    options: &Options,
-    record: Option<&Path>,
-    replayed: bool,
-    out: &mut Output,
-) -> anyhow::Result<()> {
-    let fault = outcome.as_ref().err().map(|error| Fault { name: error.name(), cause: error.to_string() });
-    let document = Document {
-        schema: "guide.steer/1",
-        target_mm: options.target_mm,
-        record: record.map(|path| path.display().to_string()),
-        replayed,
-        fault: fault.clone(),
-        run: outcome.as_ref().ok(),
-    };
-    match &outcome {
-        Ok(run) => {
-            out.result(&document, Text { run, record })?;
-            match &run.outcome {
-                Outcome::Arrived => Ok(()),
-                Outcome::Stopped { name, cause } => Err(anyhow!("stopped ({name}): {cause}")),
-                Outcome::Refused { cause, .. } => Err(anyhow!("refused: {cause}")),
-            }
-        }
-        Err(error) => {
-            if out.is_json() {
-                out.result(&document, "")?;
-            }
-            out.finish()?;
-            Err(anyhow!("{}: {error}", error.name()))
-        }
-    }
 }
 
 /// Carries a recorded run out again.
@@ -387,11 +350,15 @@ fn replay(file: &Path, args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let mut live = Live::new(args.screen, options.target_mm, out)?;
     live.begin()?;
     let (mut decisions, mut readings) = (Vec::new(), Readings::default());
+    let mut agreement = SteeredFollower::default();
     let outcome = steer(&mut plant, &options, &mut |event| {
         live.take(event);
         match event {
             Event::Decision(decision) => decisions.push(serde_json::to_string(decision).unwrap_or_default()),
             Event::Answer(answer) => readings.take(answer),
+            Event::Compared(comparison) => {
+                agreement.take(comparison).iter().for_each(|parted| live.parted(parted));
+            }
             _ => {}
         }
     });
@@ -410,5 +377,5 @@ fn replay(file: &Path, args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Ok(run) = &outcome {
         drawing::draw(run, &readings, args.plots.as_deref(), out)?;
     }
-    report(outcome, &options, Some(file), true, out)
+    report(outcome, &options, Some(file), true, &agreement.agreement(), out)
 }

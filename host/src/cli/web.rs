@@ -1,9 +1,11 @@
 //! `guide web`: the page `guide.html` on loopback, with the sessions of a folder and the device live.
 
+use super::followed::FollowArgs;
 use super::output::Output;
 use super::rig_args::interrupted;
+use crate::follow::{Follower, push, sentence_now};
 use anyhow::{Context, bail};
-use device::link::{Client, Program};
+use device::link::{Batch, Client, Program};
 use serde::Serialize;
 use server::sessions::Sessions;
 use server::{Live, Page, ServedContent, Server};
@@ -22,7 +24,10 @@ const BUILT_IN: [&str; 3] = ["displace", "staircase", "quick-staircase"];
 
 /// Serve the page guide.html on this machine: the sessions below a folder in a browser, and the device live
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  guide web\n  guide web measurements --port /dev/ttyACM0")]
+#[command(
+    after_help = "Example:\n  guide web\n  guide web measurements --port /dev/ttyACM0\n  guide web measurements --port /dev/ttyACM0 --follow model.toml --rig rig.toml \
+                        --depth-mm 30"
+)]
 pub struct Args {
     /// Folder whose sessions the page can open; files are read only
     #[arg(default_value = ".")]
@@ -33,6 +38,8 @@ pub struct Args {
     /// Motion program that the page can run, in addition to the built-in ones: may be given more than once
     #[arg(long, value_name = "FILE", requires = "port")]
     program: Vec<String>,
+    #[command(flatten)]
+    follow: FollowArgs,
     /// The page (default: guide.html in the program's folder; else target/web/guide.html of the checkout that the program was built in)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
@@ -65,11 +72,12 @@ impl Display for Report<'_> {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let interrupted = interrupted()?;
+    let follower = args.follow.follower()?;
     let program =
         std::env::current_exe().and_then(std::fs::canonicalize).context("cannot find the program")?;
     let sessions = Sessions::of(&args.dir).with_context(|| format!("{}: cannot open", args.dir.display()))?;
     let page = Page::read(&page_file(args.page.as_deref(), &program)?)?;
-    let mut live = args.port.as_deref().map(|port| follow(port, &args.program)).transpose()?;
+    let mut live = args.port.as_deref().map(|port| follow(port, &args.program, follower)).transpose()?;
     let feed = live.as_ref().map(Live::feed);
     let port = args.http_port.unwrap_or_default();
     let server = Server::start(ServedContent { page, sessions, feed }, port)
@@ -97,14 +105,18 @@ fn is_over(began: &Instant, duration_s: Option<f64>) -> bool {
 }
 
 /// The device under supervision, with the programs that pages can run.
-fn follow(port: &str, files: &[String]) -> anyhow::Result<Live> {
+fn follow(port: &str, files: &[String], mut follower: Option<Follower>) -> anyhow::Result<Live> {
     let names = BUILT_IN.into_iter().chain(files.iter().map(String::as_str));
     let programs = names.map(Program::load).collect::<Result<Vec<_>, _>>()?;
     let mut titles = BTreeSet::new();
     if let Some(again) = programs.iter().find(|program| !titles.insert(&program.name)) {
         bail!("two programs are named `{}`, expected another name in one of the files", again.name);
     }
-    Live::start(Client::connect(port)?, programs).context("cannot start the link's thread")
+    let compare = move |batch: &Batch| {
+        let departures = follower.as_mut().map(|follower| push(follower, &batch.points)).unwrap_or_default();
+        departures.iter().map(sentence_now).collect()
+    };
+    Live::start(Client::connect(port)?, programs, compare).context("cannot start the link's thread")
 }
 
 /// File of the page: as stated; else beside the program; else where `cargo xtask web` puts it, beside the folder of the

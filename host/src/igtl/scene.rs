@@ -7,7 +7,7 @@
 //! |---|---|
 //! | TRANSFORM `GuideToReference` | where guide 2 is |
 //! | SENSOR `Force` | lateral force along x and y |
-//! | STRING `Guide` | both with all digits, and what the device does, as JSON |
+//! | STRING `Guide` | both with all digits, what the device does, and since when the force no longer follows a model, as JSON |
 //! | TRANSFORM `NeedleTipToReference` | the tip for this displacement of guide 2, z along the needle |
 //! | POINT `NeedleShape` | the needle for this displacement of guide 2 |
 //! | POINT `MeasuredShape` | a sweep as the ultrasound saw it |
@@ -46,10 +46,12 @@ pub struct Scene {
     guide2_m: f64,
     entry_m: f64,
     needle: Option<Needle>,
+    /// What no longer follows a model, in words.
+    parted: Vec<String>,
 }
 
 #[derive(Serialize)]
-struct GuideDocument {
+struct GuideDocument<'a> {
     schema: &'static str,
     time_s: f64,
     state: &'static str,
@@ -59,6 +61,8 @@ struct GuideDocument {
     force_x_n: f64,
     force_y_n: f64,
     depth_mm: Option<f64>,
+    #[serde(skip_serializing_if = "<[String]>::is_empty")]
+    parted: &'a [String],
 }
 
 #[derive(Serialize)]
@@ -97,7 +101,7 @@ struct PredictionDocument<'a> {
 impl Scene {
     /// A rig in which nothing is known of the tissue.
     pub fn new(guide2_m: f64, entry_m: f64) -> Self {
-        Self { guide2_m, entry_m, needle: None }
+        Self { guide2_m, entry_m, needle: None, parted: Vec::new() }
     }
 
     /// The tissue is known: tip and shape are published from now on.
@@ -108,6 +112,11 @@ impl Scene {
         let solved = |plane| model.problem_in(plane, depth_m)?.solve();
         self.needle = Some(Needle { depth_m, beam_y: solved(Plane::Y)?, beam_x: solved(Plane::X)? });
         Ok(())
+    }
+
+    /// The force no longer follows a model, in words: stated with every sample from now on.
+    pub fn parted(&mut self, sentence: String) {
+        self.parted.push(sentence);
     }
 
     /// The last sample of a batch, as it is; `stamp` is when it was taken.
@@ -123,6 +132,7 @@ impl Scene {
             force_x_n: point.force_n[0],
             force_y_n: point.force_n[1],
             depth_mm: self.needle.as_ref().map(|needle| 1e3 * needle.depth_m),
+            parted: &self.parted,
         };
         let mut messages = vec![
             message(

@@ -6,7 +6,7 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Axis, Block, Borders, Chart, Dataset, GraphType, Paragraph, Widget};
+use ratatui::widgets::{Axis, Block, Borders, Chart, Dataset, GraphType, Paragraph, Widget, Wrap};
 use steering::{Decision, Event, PathPoint, Probability};
 
 /// Half of a 95 % band, standard deviations.
@@ -15,6 +15,8 @@ const HALF_BAND_SD: f64 = 1.96;
 const SMALLEST_SHOWN_MM: f64 = 5e-3;
 /// Rows of the numbers, with the next action.
 const NUMBER_ROWS: u16 = 6;
+/// Rows of what no longer follows the model, where there is such a thing.
+const WARNING_ROWS: u16 = 2;
 /// Below these sizes a plot shows nothing.
 const MIN_ROWS: u16 = 5;
 const MIN_COLUMNS: u16 = 20;
@@ -42,6 +44,8 @@ pub struct SteerView {
     expected_mm: Vec<[f64; 2]>,
     /// Next action, or the outcome of the run.
     next: String,
+    /// What last no longer followed the model.
+    parted: Option<String>,
 }
 
 impl SteerView {
@@ -75,8 +79,13 @@ impl SteerView {
                 self.next = next(decision, self.target_mm[2]);
                 self.decision = Some((*decision).clone());
             }
-            Event::Command(_) | Event::End(_) | Event::Fault { .. } => {}
+            Event::Command(_) | Event::Compared(_) | Event::End(_) | Event::Fault { .. } => {}
         }
+    }
+
+    /// Readings no longer follow the model, in words.
+    pub fn parted(&mut self, sentence: String) {
+        self.parted = Some(sentence);
     }
 
     /// The run has ended so.
@@ -120,9 +129,18 @@ impl SteerScreen<'_> {
 impl Widget for SteerScreen<'_> {
     fn render(self, area: Rect, buffer: &mut Buffer) {
         let area = area.intersection(buffer.area);
-        let [title, plots, numbers] =
-            Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(NUMBER_ROWS)])
-                .areas(area);
+        let warning_rows = if self.0.parted.is_some() { WARNING_ROWS } else { 0 };
+        let [title, warning, plots, numbers] = Layout::vertical([
+            Constraint::Length(1),
+            Constraint::Length(warning_rows),
+            Constraint::Min(0),
+            Constraint::Length(NUMBER_ROWS),
+        ])
+        .areas(area);
+        if let Some(parted) = &self.0.parted {
+            let text = Paragraph::new(format!(" {parted}")).style(Style::new().fg(TARGET).bold());
+            text.wrap(Wrap { trim: true }).render(warning, buffer);
+        }
         let [x, y, depth] = self.0.target_mm;
         let name = format!("  target {x:+.2}, {y:+.2} mm at {depth:.1} mm");
         Line::from(vec![" guide steer ".bold().reversed(), name.into()]).render(title, buffer);

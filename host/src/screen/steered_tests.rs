@@ -99,6 +99,18 @@ fn the_next_action_is_a_turn_where_one_is_due_and_then_how_the_run_ended() {
 }
 
 #[test]
+fn what_no_longer_follows_the_model_is_on_the_screen_in_full() {
+    let mut view = running();
+    let sentence = "the force along y no longer follows the model since 12.3 s of the plant's clock, at 40.0 mm depth: -0.300 N, 9 sigma";
+    view.parted(sentence.to_owned());
+    let screen = SteerScreen(&view).to_text(80, 24);
+    let words: Vec<&str> = screen.split_whitespace().collect();
+    let warning: Vec<&str> = sentence.split_whitespace().collect();
+    assert!(words.windows(warning.len()).any(|part| part == warning), "{screen}");
+    has(&screen, &["next         move guide 2 to -1.30, +0.50 mm, then push to 25.0 mm"]);
+}
+
+#[test]
 fn a_reading_that_repeats_or_is_bad_is_not_shown_as_another() {
     let mut view = running();
     view.take(&Event::Answer(&answer(19, 19.0, 0.38, true)));

@@ -1,5 +1,6 @@
 //! The run: push, rest, estimate, plan, move, until the target's depth is reached or the supervisor stops.
 
+mod compare;
 mod decide;
 mod error;
 mod forecast;
@@ -18,6 +19,8 @@ use crate::readings::Readings;
 use crate::results::{Decision, Event, LimitRisk, Outcome, Probability, Run};
 use crate::tables::Path;
 use crate::unknowns::{CuttingLaw, Unknowns};
+use compare::Predicted;
+use nalgebra::DMatrix;
 pub use error::SteerError;
 pub use offline::plan_path;
 
@@ -156,6 +159,8 @@ struct Controller<'a> {
     last: Command,
     /// Force at guide 2 before anything was done, as the mean of so many readings, N.
     zero_force: ([f64; 2], f64),
+    /// Squared deviations of these readings from their mean, summed over both axes, N^2.
+    zero_squares_n2: f64,
     force_n: Option<[f64; 2]>,
     /// The same since something last moved, as the mean of so many readings, N.
     still_force: ([f64; 2], f64),
@@ -170,6 +175,10 @@ struct Controller<'a> {
     pushed_blind_s: f64,
     /// Rotations made so far.
     rotations_made: usize,
+    /// Covariance of the likeliest law's unknowns, by the last posterior.
+    covariance: Option<DMatrix<f64>>,
+    /// What is expected of the readings up to the next stop.
+    predicted: Option<Predicted>,
 }
 
 impl<'a> Controller<'a> {
@@ -214,6 +223,7 @@ impl<'a> Controller<'a> {
             expected,
             last: Command { bevel_deg: stated.bevel_deg, ..Command::default() },
             zero_force: ([0.0; 2], 0.0),
+            zero_squares_n2: 0.0,
             force_n: None,
             still_force: ([0.0; 2], 0.0),
             peak_force_n: None,
@@ -225,6 +235,8 @@ impl<'a> Controller<'a> {
             replans_s: Vec::new(),
             pushed_blind_s: 0.0,
             rotations_made: 0,
+            covariance: None,
+            predicted: None,
         })
     }
 
@@ -241,6 +253,7 @@ impl<'a> Controller<'a> {
             return Ok(self.result(refused, [0.0; 2], [0.0; 3], end));
         }
         self.rest(self.settling())?;
+        self.expect(self.force_at_stop());
         let mut outcome = Outcome::Arrived;
         for node in 1..self.history.depths_m.len() {
             self.push_to(node)?;
@@ -284,6 +297,7 @@ impl<'a> Controller<'a> {
         for law in &mut self.laws {
             posteriors.push(law.update(&self.readings.bins, &self.history, rests)?);
         }
+        self.covariance = posteriors.get(self.best()).map(|likeliest| likeliest.covariance.clone());
         let most = self.laws.iter().map(|law| law.ln_evidence).fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> = self.laws.iter().map(|law| (law.ln_evidence - most).exp()).collect();
         let total: f64 = weights.iter().sum();

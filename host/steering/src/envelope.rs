@@ -174,9 +174,15 @@ pub(crate) struct Envelope {
     measured: Measured,
 }
 
-fn value(influence: &Influence, states: &[TipState], guide_m: f64, (node, side): At) -> f64 {
+fn value(influence: &Influence, states: &[TipState], guide_m: f64, location: At) -> f64 {
+    let [by_guide, by_tip] = parts(influence, states, guide_m, location);
+    by_guide + by_tip
+}
+
+/// A quantity at a place in two parts: what guide 2 does, and what tip load and cut path do.
+pub(crate) fn parts(influence: &Influence, states: &[TipState], guide_m: f64, (node, side): At) -> [f64; 2] {
     let load_n = states.get(node).map_or(0.0, |state| state.load_n[side]);
-    influence.guide2 * guide_m + influence.load * load_n + influence.of_path(states)
+    [influence.guide2 * guide_m, influence.load * load_n + influence.of_path(states)]
 }
 
 impl Envelope {

@@ -26,7 +26,7 @@ const STALE: f64 = 0.3;
 
 /// Error of the model in the stiffness that guide 2 feels, a share: what yielding and relaxing of tissue make of it. It is alike at all stops, so that many moves together are no
 /// better a witness than one.
-const STIFFNESS_ERROR: f64 = 0.15;
+pub(crate) const STIFFNESS_ERROR: f64 = 0.15;
 
 /// The stiffness that guide 2 has felt in a move at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]

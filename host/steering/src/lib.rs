@@ -92,5 +92,6 @@ pub use protocol::{
 };
 pub use record::{Record, Recorded, ReplayPlant};
 pub use results::{
-    Cue, Decision, Event, LimitRisk, Outcome, PathPlan, PathPoint, PlannedRotation, Probability, Run, Spread,
+    ComparedChannel, Comparison, Cue, Decision, Event, LimitRisk, Outcome, PathPlan, PathPoint,
+    PlannedRotation, Probability, Run, Spread,
 };

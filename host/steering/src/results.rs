@@ -138,6 +138,37 @@ impl std::fmt::Display for Cue {
     }
 }
 
+/// Channel of a [`Comparison`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ComparedChannel {
+    /// Force of guide 2 on the needle; differences in N.
+    Force,
+    /// The same force, expected from what was measured at the last stop; differences in N.
+    ForceFromStop,
+    /// Tip; differences in mm.
+    Tip,
+}
+
+/// A reading against what the posterior of those before the last stop expects of it, along x and y.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Time of the reading, s of the plant.
+    pub t_s: f64,
+    /// Depth of the needle then, mm.
+    pub depth_mm: f64,
+    /// Displacement of guide 2, mm.
+    pub guide_mm: [f64; 2],
+    /// The channel.
+    pub channel: ComparedChannel,
+    /// Measured less expected.
+    pub difference: [f64; 2],
+    /// By how much the expectation may be off: 5.2 of its standard deviations.
+    pub possible: [f64; 2],
+    /// Standard deviation of the reading.
+    pub noise: f64,
+}
+
 /// Event of a run, in order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -159,6 +190,8 @@ pub enum Event<'a> {
     },
     /// A decision.
     Decision(&'a Decision),
+    /// A reading and what was expected of it.
+    Compared(&'a Comparison),
     /// The plant's last line.
     End(&'a End),
     /// A fault.

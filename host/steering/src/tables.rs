@@ -265,9 +265,8 @@ impl Columns {
     /// Derivatives of the tip in a plane at a place and depth with respect to the unknowns (counted in standard deviations), into
     /// `row`; those of the tissue are left as they are.
     pub fn fill(&self, unknowns: &Unknowns, place: Place, depth_m: f64, plane: usize, row: &mut [f64]) {
+        unknowns.carry(depth_m, plane, row);
         let mut set = |place: usize, value: f64| row[place] = unknowns.sd[place] * value;
-        set(unknowns.slope() + plane, depth_m);
-        set(unknowns.offset() + plane, 1.0);
         set(unknowns.guide_offset() + plane, at(&self.guide, place));
         set(unknowns.backlash() + plane, at(&self.play[plane], place));
         for (knot, parts) in self.tip.iter().enumerate() {
@@ -276,11 +275,6 @@ impl Columns {
         }
         let values = rotated([0, 1].map(|part: usize| at(&self.beside[part], place)), plane);
         (0..2).for_each(|direction| set(unknowns.beside() + direction, values[direction]));
-        for (knot, weight) in hats(depth_m, unknowns.knots) {
-            if weight > 0.0 {
-                set(unknowns.irregularity(plane, knot), weight);
-            }
-        }
     }
 }
 

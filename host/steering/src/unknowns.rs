@@ -6,6 +6,7 @@
 
 use crate::known::{self, KnownEffect};
 use crate::protocol::Statement;
+use crate::tables::hats;
 use mechanics::unknowns::{rig, sensors, tip, tissue};
 use mechanics::{BeamProblem, Foundation, Layer, ModelError, Needle, Rig};
 use nalgebra::DMatrix;
@@ -227,6 +228,19 @@ impl Unknowns {
     /// Irregularity of the path per plane and knot.
     pub fn irregularity(&self, plane: usize, knot: usize) -> usize {
         TISSUE + 10 + (2 + plane) * self.knots + knot
+    }
+
+    /// Derivatives of the tip in a plane at a depth with respect to the unknowns that carry the needle and its path along, in
+    /// standard deviations, into `row`; the others are left as they are.
+    pub fn carry(&self, depth_m: f64, plane: usize, row: &mut [f64]) {
+        let mut set = |place: usize, value: f64| row[place] = self.sd[place] * value;
+        set(self.slope() + plane, depth_m);
+        set(self.offset() + plane, 1.0);
+        for (knot, weight) in hats(depth_m, self.knots) {
+            if weight > 0.0 {
+                set(self.irregularity(plane, knot), weight);
+            }
+        }
     }
 
     /// An unknown in SI.

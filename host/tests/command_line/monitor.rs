@@ -28,7 +28,10 @@ fn a_model_that_cannot_be_followed_is_refused_before_the_device_is_touched() {
     let [model, rig] = [&model, &rig].map(|file| path(file));
     let follow = ["--json", "--follow", model, "--rig", rig, "--depth-mm", "30"];
     let line = failure(&[&["monitor"], &port[..], &follow[..]].concat());
-    assert!(line.ends_with("model.toml: cannot be followed: [tissue]: no modulus, expected that of a model file of `guide diagnose --out`"), "{line}");
+    let expected = "model.toml: cannot be followed: [tissue]: no modulus, expected that of a model file of `guide diagnose --out`";
+    assert!(line.ends_with(expected), "{line}");
+    let line = failure(&[&["web"], &port[..], &follow[1..]].concat());
+    assert!(line.ends_with(expected), "{line}");
     let output_path = folder.path().join("phantom");
     let record = [
         "record",

@@ -129,6 +129,7 @@ function liveRows({ device }, decoded) {
     ['Device', device.connected ? `${device.port}, connected` : `${device.port}: ${device.lost_because || 'not connected'}`],
     ['State', device.state ? `${device.state}${device.step === null ? '' : `, step ${device.step + 1}`}` : '-'],
     ['Fault', fault],
+    ...(device.parted || []).map((words) => ['Model', capital(words)]),
     ['Force x, y', pair(device.force_x_n, device.force_y_n, 'N')],
     ['Position x, y', pair(device.position_x_mm, device.position_y_mm, 'mm')],
     ['Stiffness x', stiffness(device.stiffness_x)],

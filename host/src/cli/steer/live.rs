@@ -1,6 +1,7 @@
 //! The live screen of a run: on a terminal while it goes on, otherwise its last state as text.
 
 use crate::cli::output::Output;
+use crate::follow::{Parted, sentence_of_plant};
 use crate::screen::{SteerScreen, SteerView};
 use anyhow::{Context, ensure};
 use ratatui::Terminal;
@@ -82,6 +83,11 @@ impl Live {
             let _ = terminal.draw(|frame| frame.render_widget(SteerScreen(view), frame.area()));
             self.drawn = Some(Instant::now());
         }
+    }
+
+    /// Readings no longer follow the model: the next frame has it.
+    pub fn parted(&mut self, parted: &Parted) {
+        self.view.parted(sentence_of_plant(parted));
     }
 
     /// Leaves the terminal; without one the last screen is printed.

@@ -2,6 +2,7 @@
 //!
 //! Coordinates are those of the plant: z along the needle's axis, the origin where the axis meets the surface.
 
+use crate::follow::{Parted, sentence_of_plant};
 use device::igtl::message::Point;
 use device::igtl::{Content, Message, Publisher};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -31,6 +32,11 @@ impl Published {
     /// Next action.
     pub fn cue(&self, cue: &Cue) {
         self.keep(&[message("NextAction", Content::Text(cue.to_string()), now())]);
+    }
+
+    /// Readings no longer follow the model.
+    pub fn parted(&self, parted: &Parted) {
+        self.keep(&[message("Agreement", Content::Text(sentence_of_plant(parted)), now())]);
     }
 
     fn keep(&self, messages: &[Message]) {
@@ -117,10 +123,19 @@ mod tests {
             push_to_mm: 45.0,
             limits: None,
         });
+        published.parted(&Parted {
+            axis: "y",
+            since_s: 12.3,
+            found_s: 13.0,
+            displacement_mm: 0.5,
+            depth_mm: Some(40.0),
+            difference: crate::follow::Difference::Force { mean_n: -0.3 },
+            sigma: -9.0,
+        });
         let source = Source::connect(&address).expect("connects");
         let mut received = BTreeMap::new();
         let deadline = Instant::now() + Duration::from_secs(20);
-        while received.len() < 3 {
+        while received.len() < 4 {
             assert!(Instant::now() < deadline, "{received:?}");
             for event in source.news() {
                 if let ConnectionEvent::Message(message, _) = event {
@@ -138,6 +153,8 @@ mod tests {
             received.get("NextAction"),
             Some(&Content::Text("at 40.0 mm: push to 45.0 mm".to_owned()))
         );
+        let parted = "the force along y no longer follows the model since 12.3 s of the plant's clock, at 40.0 mm depth: -0.300 N, 9 sigma";
+        assert_eq!(received.get("Agreement"), Some(&Content::Text(parted.to_owned())));
     }
 
     fn points_of(device: &str, received: &BTreeMap<String, Content>) -> Vec<Point> {

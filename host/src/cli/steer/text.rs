@@ -1,5 +1,6 @@
 //! A steered run as it is printed: what was stated before the first push, every stop, and what came of it.
 
+use crate::follow::ModelAgreement;
 use std::fmt::{self, Display};
 use std::path::Path;
 use steering::{LimitRisk, Outcome, Probability, Run};
@@ -40,6 +41,7 @@ pub fn write_before(
 /// A run for the eye.
 pub(super) struct Text<'a> {
     pub run: &'a Run,
+    pub followed: &'a ModelAgreement,
     pub record: Option<&'a Path>,
 }
 
@@ -93,6 +95,7 @@ impl Display for Text<'_> {
                 writeln!(f, "turned       by {}", turns.join(", "))?;
             }
             writeln!(f, "readings     {} of the tip, {} rejected", run.readings, run.readings_rejected)?;
+            write!(f, "{}", self.followed)?;
         }
         if let Some(record) = self.record {
             writeln!(f, "record       {}", record.display())?;

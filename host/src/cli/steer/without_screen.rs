@@ -1,6 +1,7 @@
 //! In place of the live screen, in a program that is built without it.
 
 use crate::cli::output::Output;
+use crate::follow::Parted;
 use anyhow::ensure;
 use steering::{Event, Run, SteerError};
 
@@ -35,6 +36,9 @@ impl Live {
 
     /// Draws nothing.
     pub fn take(&mut self, _: &Event) {}
+
+    /// Draws nothing.
+    pub fn parted(&mut self, _: &Parted) {}
 
     /// Prints nothing.
     ///

@@ -29,11 +29,15 @@ impl Controller<'_> {
             return Ok(stopped);
         }
         if let Some(turn) = turn {
+            let at_stop = self.force_at_stop();
             self.turn(turn.bevel_deg)?;
+            self.expect(at_stop);
             return Ok(None);
         }
         if (end_mm[0] - start_mm[0]).hypot(end_mm[1] - start_mm[1]) > SMALLEST_MOVE_MM {
             self.move_guide(end_mm)?;
+        } else {
+            self.expect(self.force_at_stop());
         }
         Ok(None)
     }
@@ -258,6 +262,7 @@ fn sd_mm_at(rest: usize, likeliest: Option<&crate::estimator::AtTarget>, known_r
     })
 }
 
-fn variance_of(row: &nalgebra::DVector<f64>, covariance: &nalgebra::DMatrix<f64>) -> f64 {
+/// Variance of a quantity with these derivatives.
+pub(super) fn variance_of(row: &nalgebra::DVector<f64>, covariance: &nalgebra::DMatrix<f64>) -> f64 {
     row.dot(&(covariance * row))
 }

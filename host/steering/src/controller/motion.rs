@@ -50,6 +50,7 @@ impl Controller<'_> {
             self.pushed_blind_s = 0.0;
         }
         self.take_force(&answer);
+        self.compare(&answer, reading_status);
         Ok(reading_status)
     }
 
@@ -58,7 +59,9 @@ impl Controller<'_> {
         if answer.depth_mm <= 1e-6 {
             let (mean, count) = self.zero_force;
             let more = count + 1.0;
-            self.zero_force = ([mean[0] + (x - mean[0]) / more, mean[1] + (y - mean[1]) / more], more);
+            let deviation_n = [x - mean[0], y - mean[1]];
+            self.zero_force = ([0, 1].map(|i: usize| mean[i] + deviation_n[i] / more), more);
+            self.zero_squares_n2 += count / more * deviation_n.iter().map(|n| n * n).sum::<f64>();
         }
         let force_n = [x - self.zero_force.0[0], y - self.zero_force.0[1]];
         self.peak_force_n = Some(self.peak_force_n.unwrap_or(0.0).max(force_n[0].hypot(force_n[1])));
@@ -163,7 +166,7 @@ impl Controller<'_> {
         let settling_s = if self.stated.rig.guide_moves_in_one_step { GUIDE_SETTLING_S } else { 0.0 };
         let step_s = (time_s / steps).max(0.02) + settling_s;
         self.readings.skip_s = [self.last.t_s + 1e-6, f64::INFINITY];
-        let initial_force = self.resting_force();
+        let (initial_force, at_stop) = (self.resting_force(), self.force_at_stop());
         for step in 1..=steps as usize {
             let fraction = step as f64 / steps;
             let (guide_x_mm, guide_y_mm) =
@@ -172,6 +175,7 @@ impl Controller<'_> {
         }
         self.readings.skip_s[1] = self.last.t_s + 0.05;
         self.refresh()?;
+        self.expect(at_stop);
         self.rest(0.6 * self.settling() + self.stated.tip_delay_s)?;
         self.feel([target_mm[0] - start_mm[0], target_mm[1] - start_mm[1]], initial_force);
         Ok(())

@@ -1,7 +1,7 @@
 use super::*;
+use crate::draws::Random;
 use formats::model_file::ModelFile;
-use inference::draws::Random;
-use mechanics::{Needle, Rig};
+use mechanics::{Model, Needle, Rig, Support};
 
 const DEPTH_M: f64 = 0.03;
 const K_PA: f64 = 12e3;
@@ -44,7 +44,7 @@ impl Work {
     }
 
     /// The next reading, with what is wrong in newtons as a function of time and displacement.
-    fn next(&mut self, fault: &dyn Fn(f64, f64) -> f64) -> Point {
+    fn next(&mut self, fault: &dyn Fn(f64, f64) -> f64) -> GuideReading {
         let phase = (self.time_s - 4.0).max(0.0) % 8.0;
         let target_m = if self.time_s < 4.0 || phase >= 6.0 {
             0.0
@@ -62,7 +62,7 @@ impl Work {
             + rubs
             + fault(self.time_s, target_m)
             + NOISE_N * self.random.normal();
-        let point = Point {
+        let point = GuideReading {
             time_s: self.time_s,
             displacement_m: [0.0, target_m],
             force_n: [NOISE_N * self.random.normal(), force_n],
