@@ -11,6 +11,8 @@ use std::sync::Arc;
 const SESSION: &str = "session.toml";
 /// Types of the files of a session.
 const KINDS: [&str; 2] = ["toml", "csv"];
+/// File of an investigation, which is one of its session too.
+const INVESTIGATION: &str = "investigation.json";
 /// Depth to which sessions are searched below the folder, number of entries that are visited, and number of sessions
 /// that are listed.
 const MAX_DEPTH: usize = 6;
@@ -131,7 +133,7 @@ impl Sessions {
 
 fn is_of_session(name: &str) -> bool {
     let kind = name.rsplit_once('.').map(|(_, kind)| kind);
-    !name.starts_with('.') && kind.is_some_and(|kind| KINDS.contains(&kind))
+    name == INVESTIGATION || !name.starts_with('.') && kind.is_some_and(|kind| KINDS.contains(&kind))
 }
 
 #[cfg(test)]
@@ -149,6 +151,8 @@ mod tests {
         for path in [
             "root/a/session.toml",
             "root/a/run.force.csv",
+            "root/a/investigation.json",
+            "root/a/other.json",
             "root/a/raw.mcap",
             "root/a/.hidden.csv",
             "root/b/c/session.toml",
@@ -167,7 +171,7 @@ mod tests {
         let (_folder, sessions) = folder();
         let list = sessions.list();
         let named: Vec<_> = list.sessions.iter().map(|one| (one.path.as_str(), one.files.len())).collect();
-        assert_eq!(named, [("a", 2), ("b/c", 1)]);
+        assert_eq!(named, [("a", 3), ("b/c", 1)]);
         assert_eq!(list.sessions[1].name, "c");
         assert!(!list.more && list.sessions[0].bytes > 0);
     }
@@ -189,9 +193,16 @@ mod tests {
         file.read_to_string(&mut text).expect("text");
         assert_eq!(text.len() as u64, length);
         assert!(text.ends_with("run.force.csv"));
-        for path in
-            ["notes.toml", "a/raw.mcap", "a/.hidden.csv", ".secret/session.toml", "a", "b/session.toml", ""]
-        {
+        for path in [
+            "notes.toml",
+            "a/raw.mcap",
+            "a/other.json",
+            "a/.hidden.csv",
+            ".secret/session.toml",
+            "a",
+            "b/session.toml",
+            "",
+        ] {
             assert!(sessions.open(path).is_none(), "{path}");
         }
     }

@@ -20,6 +20,8 @@ function showDiagnose() {
     const catalogue = await effectsOf();
     const { document: found, figures } = await result('diagnose', {}, 'Diagnosing');
     if (!isHere()) return;
+    const investigation = investigationSection(await engine.request('quick', { do: 'investigation', dir: state.session }));
+    if (!isHere()) return;
     const about = (id) => catalogue.find((one) => one.id === id);
     const ranked = found.ranking.filter((one) => !found.not_identifiable.includes(one.id));
     const foundation = found.foundation.used;
@@ -68,6 +70,7 @@ function showDiagnose() {
     main().append(
       h('section', { class: `lead verdict ${found.verdict}`, id: 'verdict', 'data-verdict': found.verdict }, h('h2', {}, verdictOf(found)), h('p', { id: 'verdict-doubt', hidden: true }),
         ...found.effects.map((one) => reasons(one, found, about)), limits(found)),
+      ...(investigation ? [investigation] : []),
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'Effects: switch them on and off'),
           h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of one effect added to the `, term('plain model'), `. From ${number(found.margin)} on (line) an effect can be named. Fitted effects come first; \u2248 marks an estimate without a fit. Each switch fits the model again.`),

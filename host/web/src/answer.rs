@@ -4,6 +4,7 @@ use formats::foreign::TableError;
 use formats::session::SessionError;
 use inference::diagnose::DiagnoseError;
 use inference::identify::IdentifyError;
+use inference::investigate::LogError;
 use inference::plan::PlanError;
 use inference::predict::PredictError;
 use mechanics::ModelError;
@@ -37,6 +38,9 @@ pub enum AnswerError {
     /// It cannot be diagnosed.
     #[error("cannot diagnose: {0}")]
     Diagnose(#[from] DiagnoseError),
+    /// The log of its investigation cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
     /// It cannot be predicted.
     #[error("cannot predict: {0}")]
     Predict(#[from] PredictError),

@@ -67,6 +67,7 @@ impl Engine {
                 results::identification(dir, relation.as_deref(), foundation.as_deref())
             }
             Request::Diagnose { dir } => results::diagnosis(dir, on_progress),
+            Request::Investigation { dir } => results::investigation(dir),
             Request::Predict { dir, until_mm, model } => {
                 results::prediction(dir, *until_mm, model.as_deref())
             }

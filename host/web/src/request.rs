@@ -45,6 +45,11 @@ pub enum Request {
         /// Folder of the session.
         dir: PathBuf,
     },
+    /// Steps of the investigation of a session, where there was one.
+    Investigation {
+        /// Folder of the session.
+        dir: PathBuf,
+    },
     /// The tip's path.
     Predict {
         /// Folder of the session.

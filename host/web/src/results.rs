@@ -7,6 +7,7 @@ use formats::session::{FoundationKind, Session};
 use inference::diagnose::{self, Diagnosis, INCOMPRESSIBLE, Trial, Workbench, diagnose};
 use inference::draws::DrawOptions;
 use inference::identify::{self, YoungsMethod, identify};
+use inference::investigate::Log;
 use inference::predict::{self, predict};
 use mechanics::continuum::Contact;
 use mechanics::effects::{EFFECTS, Effect, effect};
@@ -153,6 +154,11 @@ pub fn diagnosis(dir: &Path, on_progress: impl FnMut(&str)) -> Result<String, An
     let figures = drawing::diagnosis(&diagnosis)?;
     let model = diagnosis.model().text(Path::new(MODEL_FILE))?;
     Ok(serde_json::to_string(&DiagnosisAnswer { document: diagnosis, figures, model })?)
+}
+
+/// File of `guide investigate` in the session's folder; `null` where there is none.
+pub fn investigation(dir: &Path) -> Result<String, AnswerError> {
+    Ok(serde_json::to_string(&Log::of_session(dir)?)?)
 }
 
 /// Result of `guide predict --until`, with `--model` where the text of a model file is given.

@@ -460,3 +460,20 @@ fn every_effect_has_a_plain_name() {
         assert!(words.contains(&format!("  '{}': ", effect.id())), "words.js has no {}", effect.id());
     }
 }
+
+#[test]
+fn an_investigation_is_that_of_the_log_and_none_without_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let dir = folder.path().display().to_string();
+    let request = json!({"do": "investigation", "dir": dir});
+    assert_eq!(ok(&mut Engine::default(), &request), Value::Null);
+    let log = json!({"schema": "guide.investigate/1", "end": "named", "steps": [{
+        "runs": 1, "verdict": "adequate", "explanations": [{"effects": [], "probability": 0.9}], "unseen_probability": 0.2,
+        "k_kpa": 12.0, "k_ci95_kpa": [11.0, 13.0], "realised_nats": null, "next": {"run": "x30-1", "what": "a staircase",
+        "minutes": 0.5, "information_nats": 0.06, "modulus_nats": 0.1, "reasons": ["tissue.skin"]}}]});
+    let file = folder.path().join("investigation.json");
+    fs::write(&file, log.to_string()).expect("written");
+    assert_eq!(ok(&mut Engine::default(), &request), log);
+    fs::write(&file, "{}").expect("written");
+    assert!(error(&request).contains("investigation.json:1:2"), "{}", error(&request));
+}

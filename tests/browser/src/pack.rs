@@ -17,7 +17,7 @@ const PAGE: &str = include_str!("../../../host/web/page/index.html");
 const STYLE: &str = include_str!("../../../host/web/page/style.css");
 const WORKER: &str = include_str!("../../../host/web/page/worker.js");
 /// In this order, the last line starts the page.
-const SCRIPTS: [&str; 18] = [
+const SCRIPTS: [&str; 19] = [
     include_str!("../../../host/web/page/engine.js"),
     include_str!("../../../host/web/page/files.js"),
     include_str!("../../../host/web/page/plot.js"),
@@ -31,6 +31,7 @@ const SCRIPTS: [&str; 18] = [
     include_str!("../../../host/web/page/play.js"),
     include_str!("../../../host/web/page/identify.js"),
     include_str!("../../../host/web/page/diagnose.js"),
+    include_str!("../../../host/web/page/investigate.js"),
     include_str!("../../../host/web/page/predict.js"),
     include_str!("../../../host/web/page/plan.js"),
     include_str!("../../../host/web/page/blocks.js"),

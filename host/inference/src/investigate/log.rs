@@ -101,15 +101,22 @@ impl Log {
     /// # Errors
     /// [`LogError`] where there is a file of this name that is none.
     pub fn read(folder: &Path) -> Result<Self, LogError> {
-        let path = folder.join(FILE);
         let new = Self { schema: SCHEMA.to_owned(), steps: Vec::new(), end: None };
+        Ok(Self { end: None, ..Self::of_session(folder)?.unwrap_or(new) })
+    }
+
+    /// Log of a session as it was left; nothing where the session was not investigated.
+    ///
+    /// # Errors
+    /// [`LogError`] where there is a file of this name that is none.
+    pub fn of_session(folder: &Path) -> Result<Option<Self>, LogError> {
+        let path = folder.join(FILE);
         match std::fs::read(&path) {
             Ok(bytes) => {
-                let log: Self =
-                    serde_json::from_slice(&bytes).map_err(|source| LogError::Form { path, source })?;
-                Ok(Self { end: None, ..log })
+                let log = serde_json::from_slice(&bytes);
+                Ok(Some(log.map_err(|source| LogError::Form { path, source })?))
             }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(new),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(LogError::Io { path, source }),
         }
     }

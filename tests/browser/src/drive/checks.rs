@@ -106,6 +106,9 @@ impl<'a> Checks<'a> {
         self.check("a population equals the program's", |checks| {
             views::compares(checks.browser, &checks.address, &checks.folder)
         });
+        self.check("an investigation is drawn with the reason of every step", |checks| {
+            views::investigates(checks.browser, &checks.address)
+        });
         self.check("tables of others become a session", |checks| {
             views::imports(checks.browser, &checks.address)
         });

@@ -204,3 +204,39 @@ pub fn saves(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
     }
     Ok(format!("{} views by keyboard, {} kB of pictures and pages", views.count(), bytes / 1000))
 }
+
+/// An investigation by its log: probabilities over the runs with the plain names of the explanations, and every step with its reason and what it told.
+///
+/// # Errors
+/// What is otherwise.
+pub fn investigates(browser: &Browser, address: &str) -> Result<String> {
+    browser.open(address)?;
+    browser.until("document.querySelector('#open-example')")?;
+    let step = |runs: u32, none: f64, layers: f64, told: Value, next: Value| {
+        json!({"runs": runs, "verdict": "adequate", "explanations": [{"effects": [], "probability": none}, {"effects": ["tissue.layers"], "probability": layers}],
+            "unseen_probability": 0.2, "k_kpa": 12.0, "k_ci95_kpa": [11.0, 13.0], "realised_nats": told, "next": next})
+    };
+    let next = json!({"run": "x30-1", "what": "a staircase along x", "minutes": 0.5, "information_nats": 0.06, "modulus_nats": 0.1,
+        "reasons": ["tissue.skin"]});
+    let steps = [step(1, 0.9, 0.05, Value::Null, next), step(2, 0.1, 0.9, json!(2.5), Value::Null)];
+    let log = json!({"schema": "guide.investigate/1", "end": "named", "steps": steps});
+    let script = "const made = investigationSection(arguments[0]); main().replaceChildren(made); return made.textContent;";
+    browser.run(script, json!([log]))?;
+    browser.until("document.querySelectorAll('#investigation-drawn .line').length === 2")?;
+    let shown = browser.run("return document.getElementById('investigation').innerText;", json!([]))?;
+    let shown = shown.as_str().unwrap_or_default();
+    for text in [
+        "nothing missing",
+        "a layer of another stiffness",
+        "A staircase along x",
+        "a stiff skin",
+        "0.06",
+        "2.5",
+        "has its name",
+    ] {
+        ensure!(shown.contains(text), "no {text:?} in {shown}");
+    }
+    let without = browser.run("return investigationSection(null) === null;", json!([]))?;
+    ensure!(without == json!(true), "a session without an investigation has a section");
+    Ok("two steps with reason, expected and told information; nothing without a log".to_owned())
+}
