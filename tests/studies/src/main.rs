@@ -22,12 +22,13 @@ struct Args {
     /// (`characterize`), steered insertions that were recorded (`recorded`), rigs stated beside the truth (`stated`),
     /// what is in no catalogue (`open`), nothing hidden over the noise and sampling of laboratories (`clean`), steering
     /// within tight limits (`limits`), Young's modulus of gels that are blocks (`blocks`), or from synthetic
-    /// indentations (`indentation`), runs until a hidden effect has its name (`investigate`), calibration of posteriors (`calibration`); without a name all that the documentation quotes, as it quotes them, written where
+    /// indentations (`indentation`), runs until a hidden effect has its name (`investigate`), faults that begin while a
+    /// rig is measured (`follow`), calibration of posteriors (`calibration`); without a name all that the documentation quotes, as it quotes them, written where
     /// it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
         "population", "nesting", "characterize", "recorded", "stated", "open", "clean", "limits",
-        "blocks", "indentation", "investigate", "calibration",
+        "blocks", "indentation", "investigate", "follow", "calibration",
     ])]
     name: String,
     /// Sessions of insertions, imperfect ones of all kinds, or rigs in air
@@ -104,6 +105,7 @@ fn run(args: &Args) -> Result<()> {
         "clean" => commands::clean::run(args.sessions, args.seed, &args.only),
         "calibration" => commands::calibration::run(args.sessions, args.seed),
         "investigate" => commands::investigate::run(args.sessions, args.seed, args.verbose),
+        "follow" => commands::follow::run(args.sessions, args.seed, &args.only, args.verbose),
         "stated" => commands::stated::run(args.sessions, args.seed, &args.only),
         _ => modulus_relation(),
     }

@@ -6,6 +6,8 @@ pub mod calibration;
 pub mod characterize;
 pub mod clean;
 pub mod diagnosis;
+pub mod follow;
+mod follow_steered;
 pub mod imperfect;
 pub mod indentation;
 pub mod investigate;
