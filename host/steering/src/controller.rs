@@ -20,8 +20,8 @@ use crate::results::{Decision, Event, LimitRisk, Outcome, Probability, Run};
 use crate::tables::Path;
 use crate::unknowns::{CuttingLaw, Unknowns};
 use compare::Predicted;
-use nalgebra::DMatrix;
 pub use error::SteerError;
+use nalgebra::DMatrix;
 pub use offline::plan_path;
 
 /// Radii for which probabilities are stated, mm.

@@ -6,6 +6,7 @@
 
 mod air;
 pub mod hidden;
+pub mod investigated;
 mod outcome;
 pub mod seeds;
 pub mod steered;
@@ -84,13 +85,14 @@ pub fn run(args: &Args) -> Result<()> {
     print!("{}", judgement(&outcome, args.seed, &args.out)?);
     println!();
     println!(
-        "another rig, characterised in air; then it hides an effect, and the firmware runs the diagnostic staircase at three depths:\n"
+        "another rig, characterised in air; then it hides an effect, guide investigate chooses what to measure, and the firmware makes the runs:\n"
     );
-    let diagnosis =
-        hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::AFTER_AIR, &mut |text| {
+    let known = hidden::RigKnown::InAir;
+    let investigated =
+        investigated::investigated(&this_program()?, args.seed, &args.out, known, &mut |text| {
             print!("{text}")
         })?;
-    println!("{}", diagnosis.summary(args.seed));
+    println!("{}", investigated.summary(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
     println!("\na needle is steered to a target; the firmware moves guide 2, another program pushes:\n");
     let steered = steered::steered(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
@@ -284,11 +286,16 @@ struct Typist<'a> {
 
 impl Typist<'_> {
     fn shown(&mut self, arguments: &[&str]) -> Result<()> {
+        self.printed(arguments).map(|_| ())
+    }
+
+    /// Shows what a command prints, and returns it.
+    fn printed(&mut self, arguments: &[&str]) -> Result<String> {
         self.echo(arguments);
         let printed = self.output(arguments)?;
         (self.show)(&printed);
         (self.show)("\n");
-        Ok(())
+        Ok(printed)
     }
 
     fn echo(&mut self, arguments: &[&str]) {

@@ -10,7 +10,7 @@ use serde_json::Value;
 use simulation::rig::config::{HiddenEffect, RigConfig};
 use simulation::rig::imperfections::Imperfections;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// When home, tare and the first staircase start, and how long after it the next one does; seconds of the device's clock.
 const HOME_AT_S: u32 = 4;
@@ -149,32 +149,10 @@ pub fn diagnosis(
     (plan, known): (&[(f64, usize)], RigKnown),
     show: &mut dyn FnMut(&str),
 ) -> Result<Found> {
-    let guide = images::build_guide()?;
-    let session = out.join("hidden");
-    let in_air = out.join("air");
-    for folder in [&session, &in_air] {
-        if folder.exists() {
-            fs::remove_dir_all(folder).with_context(|| format!("cannot clear {}", folder.display()))?;
-        }
-    }
-    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
-    let (rig_file, characterized) = (out.join("rig.toml"), out.join(CHARACTERIZED));
-    let plain = rig_toml(&RigConfig::default().rig);
-    fs::write(&rig_file, &plain)?;
-    if known == RigKnown::InAir {
-        // Later versions hide other effects for a seed: in air the rig has its imperfections only.
-        let mut config = RigConfig::default();
-        config.simulation.depth_mm = 0.0;
-        config.simulation.imperfections = Imperfections::of_seed(seed, air::START);
-        let files = [rig_file.as_path(), &in_air, &characterized];
-        air::characterized(xtask, seed, config, files, show)?;
-        fs::write(&rig_file, format!("{plain}characterized = \"{CHARACTERIZED}\"\n"))?;
-    }
-    let (model_file, figures, result) =
-        (out.join("model.toml"), out.join("figures"), out.join("diagnosis.json"));
+    let (session, rig_file) = prepared(xtask, seed, out, known, show)?;
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let hidden = HiddenEffect::of_seed(seed);
-    let mut guide = Typist { program: guide, show };
+    let mut guide = Typist { program: images::build_guide()?, show };
     let (mut modulus_kpa, mut runs) = (0.0, 0.0);
     for (start, (depth_mm, staircases)) in (0..).zip(plan) {
         let mut config = RigConfig::default();
@@ -203,9 +181,47 @@ pub fn diagnosis(
         bench.stop()?;
     }
     (guide.show)("\n");
+    let diagnosis = diagnosed(&mut guide, session, out)?;
+    Ok(Found { hidden, true_k_kpa: modulus_kpa / runs, diagnosis })
+}
+
+/// Diagnoses a session, with model and figures beside it.
+pub(super) fn diagnosed(guide: &mut Typist, session: &str, out: &Path) -> Result<Value> {
+    let (model_file, figures, result) =
+        (out.join("model.toml"), out.join("figures"), out.join("diagnosis.json"));
     let files = ["--out", path(&model_file)?, "--plots", path(&figures)?, "--json-out", path(&result)?];
     guide.shown(&[&["diagnose", session], &files[..]].concat())?;
     let diagnosis = fs::read(&result).with_context(|| format!("cannot read {}", result.display()))?;
-    let diagnosis = serde_json::from_slice(&diagnosis).context("guide diagnose --json-out wrote no JSON")?;
-    Ok(Found { hidden, true_k_kpa: modulus_kpa / runs, diagnosis })
+    serde_json::from_slice(&diagnosis).context("guide diagnose --json-out wrote no JSON")
+}
+
+/// Folder of a session that is not there yet, and the rig's file with what is known of the rig.
+pub(super) fn prepared(
+    xtask: &Path,
+    seed: u64,
+    out: &Path,
+    known: RigKnown,
+    show: &mut dyn FnMut(&str),
+) -> Result<(PathBuf, PathBuf)> {
+    let session = out.join("hidden");
+    let in_air = out.join("air");
+    for folder in [&session, &in_air] {
+        if folder.exists() {
+            fs::remove_dir_all(folder).with_context(|| format!("cannot clear {}", folder.display()))?;
+        }
+    }
+    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let (rig_file, characterized) = (out.join("rig.toml"), out.join(CHARACTERIZED));
+    let plain = rig_toml(&RigConfig::default().rig);
+    fs::write(&rig_file, &plain)?;
+    if known == RigKnown::InAir {
+        // Later versions hide other effects for a seed: in air the rig has its imperfections only.
+        let mut config = RigConfig::default();
+        config.simulation.depth_mm = 0.0;
+        config.simulation.imperfections = Imperfections::of_seed(seed, air::START);
+        let files = [rig_file.as_path(), &in_air, &characterized];
+        air::characterized(xtask, seed, config, files, show)?;
+        fs::write(&rig_file, format!("{plain}characterized = \"{CHARACTERIZED}\"\n"))?;
+    }
+    Ok((session, rig_file))
 }

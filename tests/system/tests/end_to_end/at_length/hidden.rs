@@ -1,7 +1,8 @@
 //! Further rigs: what they are or hide is found from what the firmware records.
 
 use std::path::Path;
-use system::demo::hidden::{AFTER_AIR, AS_STATED, diagnosis};
+use system::demo::hidden::{AFTER_AIR, AS_STATED, RigKnown, diagnosis};
+use system::demo::investigated::investigated;
 use system::demo::procedure;
 use system::readme;
 
@@ -47,5 +48,24 @@ fn hidden_effects_are_found_from_what_is_stated_of_the_rig() {
         let found = diagnosis(Path::new(XTASK), seed, &out, AS_STATED, &mut |_| {}).unwrap();
         assert!(found.is_in_class(), "{}\n{found:#?}", found.summary(seed));
         assert!(found.further().is_empty(), "{}\n{found:#?}", found.summary(seed));
+    }
+}
+
+/// `guide investigate` chooses the runs, the firmware makes them: every step has its reason, and in the end what is hidden has its name.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
+fn an_investigation_through_the_firmware_ends_with_the_name_of_what_is_hidden() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = readme::rig::out(folder.path());
+    let seed = HIDING_SEEDS[0];
+    let result = investigated(Path::new(XTASK), seed, &out, RigKnown::AsStated, &mut |_| {}).unwrap();
+    assert!(result.found.is_in_class(), "{}\n{:#}", result.summary(seed), result.log);
+    assert!(result.found.further().is_empty(), "{}", result.summary(seed));
+    let steps = result.log["steps"].as_array().unwrap();
+    assert!(steps.len() > 1 && result.runs() <= 6, "{:#}", result.log);
+    for (number, step) in steps.iter().enumerate() {
+        let is_last = number + 1 == steps.len();
+        assert_eq!(step["realised_nats"].is_null(), number == 0, "{step:#}");
+        assert!(is_last || step["next"]["information_nats"].as_f64().unwrap() > 0.0, "{step:#}");
     }
 }

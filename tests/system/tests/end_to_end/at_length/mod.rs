@@ -4,6 +4,7 @@ mod bags;
 mod boards;
 mod bringup;
 mod characterize;
+mod followed;
 mod foreign;
 mod hazards;
 mod hidden;

@@ -133,6 +133,27 @@ fn the_needle_arrives_through_the_firmware_within_limits_and_the_record_replays(
     bench.stop().unwrap();
 }
 
+/// A force that is off by something the controller does not know of is reported on the way, in the record and in the document; the run goes on.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test --all runs it"]
+fn a_force_that_jumps_on_the_way_is_reported_and_the_run_goes_on() {
+    let bench = bench(SEED);
+    let (document, succeeded, stderr) = ended(steering(&bench, SEED, ""));
+    assert!(succeeded && document["followed"]["force_compared"] == true, "{stderr}");
+    assert_eq!(document["followed"]["parted"], serde_json::json!([]), "{stderr}");
+    let sound = newest(&bench);
+    succeeds(&["home", "--port", &bench.port()]);
+    let child = steering(&bench, SEED, "");
+    await_decisions(&bench, &sound, 6);
+    bench.rig().inject(Injection { force_spike_n: Some([0.0, 1.0]), ..Injection::default() });
+    let (document, _, stderr) = ended(child);
+    let parted = &document["followed"]["parted"][0];
+    assert_eq!((&parted["channel"], &parted["axis"]), (&"force".into(), &"y".into()), "{document:#}");
+    let words = "warning: the force along y no longer follows the model since ";
+    assert!(stderr.contains(words), "{stderr}");
+    assert_eq!(lines(&newest(&bench), "parted").first(), Some(parted));
+}
+
 #[test]
 #[ignore = "needs QEMU: cargo xtask test --all runs it"]
 fn whatever_fails_ends_in_a_hold_with_its_name() {
