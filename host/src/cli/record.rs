@@ -2,7 +2,7 @@
 
 mod report;
 
-use super::followed::{self, Followed};
+use super::followed;
 use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
