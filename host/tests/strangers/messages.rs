@@ -215,3 +215,35 @@ fn numbers_in_the_order_of_the_processor() {
     let body: Vec<u8> = TURNED.iter().chain(&TIP_MM).flat_map(|number| number.to_le_bytes()).collect();
     assert_unused(&recorded(move || vec![message("TRANSFORM", TIP, &body)]), TIP);
 }
+
+#[test]
+fn a_status_in_other_letters_and_under_the_whole_name_of_the_transform() {
+    for field in ["transformstatus", "NeedleTipToReferenceTransformStatus"] {
+        let result = recorded(move || {
+            vec![extended("TRANSFORM", TIP, &transform(TURNED), 12, &[(field, b"OUT_OF_VIEW")])]
+        });
+        assert_unused(&result, TIP);
+    }
+    // A text that ends with a zero is the text.
+    let good: &[(&str, &[u8])] = &[("TransformStatus", b"OK\0")];
+    assert_tip(&recorded(move || vec![extended("TRANSFORM", TIP, &transform(TURNED), 12, good)]));
+}
+
+#[test]
+fn a_quaternion_without_a_length() {
+    let result = recorded(|| {
+        let numbers = [0.0_f32, 0.5, 100.0, 0.0, 0.0, 0.0, 0.0];
+        vec![message("POSITION", TIP, &numbers.map(f32::to_be_bytes).concat())]
+    });
+    if result.0.is_empty() { assert_unused(&result, TIP) } else { assert_tip(&result) }
+}
+
+#[test]
+fn a_wrong_checksum() {
+    let result = recorded(|| {
+        let mut bytes = message("TRANSFORM", TIP, &transform(TURNED));
+        bytes[57] ^= 1;
+        vec![bytes]
+    });
+    assert_unused(&result, "checksum");
+}

@@ -12,6 +12,8 @@ use std::time::Duration;
 
 /// Most names for which stamps and statuses are kept: they come from the peer.
 const MAX_NAMES: usize = 64;
+/// Letters of a device's name in a header.
+const DEVICE_LETTERS: usize = 20;
 /// Axes of a frame are unit vectors at right angles, as far as a sender rounds them.
 const ROUNDING: f32 = 1e-2;
 
@@ -19,21 +21,32 @@ const ROUNDING: f32 = 1e-2;
 /// valid.
 pub(super) fn stated_invalid(device: &str, metadata: &[(String, String)]) -> Option<String> {
     let bad = metadata.iter().find(|(key, value)| {
-        let key = key.trim();
-        fn is_of(ending: &str, key: &str, device: &str) -> bool {
-            let name = key.strip_suffix(ending);
-            name.is_some_and(|name| ["", "Transform", "Image", "Position", "Point", device].contains(&name))
-        }
-        let value = value.trim();
+        let key = bare(key).to_lowercase();
+        let is_of = |ending: &str| key.strip_suffix(ending).is_some_and(|name| is_about(name, device));
+        let value = bare(value);
         let is_yes = ["true", "1", "yes", "ok"].iter().any(|yes| value.eq_ignore_ascii_case(yes));
-        is_of("Status", key, device) && !value.eq_ignore_ascii_case("OK")
-            || is_of("Valid", key, device) && !is_yes
+        is_of("status") && !value.eq_ignore_ascii_case("OK") || is_of("valid") && !is_yes
     });
     bad.map(|(key, value)| format!("{} = {}", short(key), short(value)))
 }
 
+/// Whether a field with this name in small letters before its last word is about a device, or about the message as a whole.
+fn is_about(name: &str, device: &str) -> bool {
+    if ["", "transform", "image", "position", "point", "pose", "tool", "tracking"].contains(&name) {
+        return true;
+    }
+    let (device, name) = (device.to_lowercase(), name.strip_suffix("transform").unwrap_or(name));
+    // A header has room for so many letters of a name, its metadata for all of them.
+    name == device || device.len() == DEVICE_LETTERS && name.starts_with(&device)
+}
+
+/// A text without blanks and zeros around it.
+fn bare(text: &str) -> &str {
+    text.trim_matches(|letter: char| letter.is_whitespace() || letter == '\0')
+}
+
 fn short(text: &str) -> String {
-    text.trim().chars().take(40).collect()
+    bare(text).chars().take(40).collect()
 }
 
 /// Relation of consecutive stamps of one name.

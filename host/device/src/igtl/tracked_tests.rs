@@ -89,6 +89,9 @@ fn a_pose_whose_metadata_state_that_it_is_none_is_no_sweep() {
         ("TransformValid", "0"),
         ("Status", "OUT_OF_VOLUME"),
         ("NeedleTipToReferenceStatus", "REQ_TIMEOUT"),
+        ("NeedleTipToReferenceTransformStatus", "INVALID"),
+        ("transformstatus", "out_of_view"),
+        ("TRANSFORMVALID", "False"),
     ] {
         fn of(stamp_ms: u64, key: &str, value: &str) -> Vec<u8> {
             extended(&tip(stamp_ms), &[("MRMLNodeName", "Tip"), (key, value)])
@@ -104,7 +107,12 @@ fn a_pose_whose_metadata_state_that_it_is_none_is_no_sweep() {
         );
         assert!(unused[0].contains("3 messages of `NeedleTipToReference`"), "{unused:?}");
     }
-    let good = [("TransformStatus", "OK"), ("TransformValid", "True"), ("ProbeStatus", "MISSING")];
+    let good = [
+        ("TransformStatus", "OK\0"),
+        ("TransformValid", "True"),
+        ("ProbeStatus", "MISSING"),
+        ("ProbeToTrackerTransformStatus", "INVALID"),
+    ];
     assert_eq!(sent(&[extended(&tip(1000), &good), extended(&tip(1100), &[])]), (2, Vec::new(), Vec::new()));
 }
 
