@@ -66,10 +66,14 @@ pub const SPACING: [&str; 2] = ["--spacing-mm", "0.1,0.1"];
 
 /// A classic TIFF, a page per frame: every entry is one number of 16 or 32 bit.
 pub fn tiff(frames: &[Vec<u8>], white_is_zero: bool, orientation: u16) -> Vec<u8> {
+    tiff_of(frames, white_is_zero, |_| orientation)
+}
+
+fn tiff_of(frames: &[Vec<u8>], white_is_zero: bool, orientation: impl Fn(usize) -> u16) -> Vec<u8> {
     let mut file = b"II*\0".to_vec();
     let mut link = file.len();
     file.extend([0; 4]);
-    for frame in frames {
+    for (page, frame) in frames.iter().enumerate() {
         let data = file.len() as u32;
         file.extend(frame);
         file.extend(vec![0; file.len() % 2]);
@@ -84,7 +88,7 @@ pub fn tiff(frames: &[Vec<u8>], white_is_zero: bool, orientation: u16) -> Vec<u8
             (259, 3, 1),
             (262, 3, photometric),
             (273, 4, data),
-            (274, 3, u32::from(orientation)),
+            (274, 3, u32::from(orientation(page))),
             (277, 3, 1),
             (278, 4, HEIGHT as u32),
             (279, 4, size),
@@ -120,6 +124,17 @@ fn a_stack_that_is_upside_down() {
         fs::write(path, tiff(&rotated_frames, false, 3)).expect("written");
     });
     assert_right_or_rejected(&answer, &["orientation", "274"], assert_path);
+}
+
+#[test]
+fn a_stack_of_which_the_first_page_alone_states_how_it_is_turned() {
+    let answer = sweep(".tif", &SPACING, |path, frames| {
+        let rotated_frames: Vec<Vec<u8>> =
+            frames.iter().map(|frame| frame.iter().rev().copied().collect()).collect();
+        let bytes = tiff_of(&rotated_frames, false, |page| if page == 0 { 3 } else { 1 });
+        fs::write(path, bytes).expect("written");
+    });
+    assert_rejected(&answer, &["Orientation: 1 of page 2, and 3 of the first"]);
 }
 
 /// Grey pictures as PNG files in a folder, with these numbers.

@@ -41,6 +41,8 @@ const REGIONS: Tag = Tag(0x0018, 0x6011);
 const PIXEL_DATA: Tag = Tag(0x7FE0, 0x0010);
 const SERIES: Tag = Tag(0x0020, 0x000E);
 const INSTANCE: Tag = Tag(0x0020, 0x0013);
+/// When the image was taken: date and time, time, and time of its content.
+const TAKEN: [Tag; 3] = [Tag(0x0008, 0x002A), Tag(0x0008, 0x0032), Tag(0x0008, 0x0033)];
 const SPACING_BETWEEN: Tag = Tag(0x0018, 0x0088);
 const POSITION: Tag = Tag(0x0020, 0x0032);
 const ORIENTATION: Tag = Tag(0x0020, 0x0037);
@@ -68,7 +70,10 @@ const MEASURES: Tag = Tag(0x0028, 0x9110);
 const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
 const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
 /// Values that are read of the data set.
-const VALUES: [Tag; 26] = [
+const VALUES: [Tag; 29] = [
+    TAKEN[0],
+    TAKEN[1],
+    TAKEN[2],
     SERIES,
     INSTANCE,
     SPACING_BETWEEN,
@@ -123,6 +128,8 @@ struct Opened {
     pixels: Pixels,
     /// Its place in a series, where it is stated.
     instance: Option<i64>,
+    /// When it was taken, as digits in their order.
+    taken: Option<String>,
     /// Identifier of the series.
     series: Option<String>,
     /// Position of its image, and the normal of its plane.
@@ -138,6 +145,7 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
         data_set(path, file, start, &syntax)?;
     let header = Attributes { path, values: &values, measures: &measures, is_big };
     let instance = header.text(INSTANCE).and_then(|text| text.trim().parse().ok());
+    let taken = TAKEN.into_iter().find_map(|tag| header.text(tag).filter(|text| !text.trim().is_empty()));
     let series = header.text(SERIES);
     let (width, height) =
         (required_number(COLUMNS, "Columns", header, path)?, required_number(ROWS, "Rows", header, path)?);
@@ -168,7 +176,7 @@ fn open_file(path: &Path) -> Result<Opened, ImagingError> {
     let mut bytes = BufReader::new(file);
     bytes.seek(SeekFrom::Start(position)).map_err(ImagingError::io(path))?;
     let pixels = Pixels::new(path, bytes, syntax.coding, (layout, palette), count, length)?;
-    Ok(Opened { header, pixels, instance, series, position_mm, normal })
+    Ok(Opened { header, pixels, instance, taken, series, position_mm, normal })
 }
 
 fn required_number(tag: Tag, name: &str, header: Attributes<'_>, path: &Path) -> Result<usize, ImagingError> {

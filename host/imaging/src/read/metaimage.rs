@@ -48,6 +48,12 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let kind = single(&["ElementType"], &["MET_UCHAR", "MET_USHORT", "MET_SHORT"], &fields, path)?;
     let is_big_endian = is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"])?;
     single(&["BinaryData"], &["True"], &fields, path)?;
+    if let Some((key, value)) = fields.get(&["ElementToIntensityFunctionSlope"])
+        && !value.trim().parse::<f64>().is_ok_and(|slope| slope > 0.0)
+    {
+        let expected = "a number above 0, so that echoes are bright";
+        return Err(ImagingError::invalid(path, key, format!("\"{value}\""), expected));
+    }
     // Echoes before they are an image have no brightness.
     single(&["UltrasoundImageType"], &["BRIGHTNESS", "RGB_COLOR", "XX"], &fields, path)?;
     let compressed = is_true(&["CompressedData"])?;

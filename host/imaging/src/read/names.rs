@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 /// Digits behind a point that are kept.
 const DIGITS: usize = 9;
 
+/// Decimal signs of names, of which some file systems have no point.
+const POINTS: [&str; 3] = [".", ",", "p"];
+
 /// A text and the number behind it.
 #[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Part {
@@ -163,7 +166,7 @@ fn are_two_numbers(files: &[PathBuf]) -> bool {
 /// Whether a part is the digits behind the point of the number before it.
 fn is_fraction(parts: &[Part], at: usize) -> bool {
     fn is_behind_point(parts: &[Part], at: usize) -> bool {
-        parts.get(at).is_some_and(|part| part.text == "." && part.digits > 0)
+        parts.get(at).is_some_and(|part| POINTS.contains(&part.text.as_str()) && part.digits > 0)
     }
     is_behind_point(parts, at)
         && !is_behind_point(parts, at + 1)
@@ -276,6 +279,8 @@ mod tests {
             &["scan 1.08.png", "scan 1.09.png", "scan 1.10.png"],
             &["run 1.8.png", "run 1.9.png", "run 1.10.png"],
             &["z_0.0.png", "z_0.75.png", "z_1.5.png"],
+            &["pos_0.png", "pos_0,25.png", "pos_0,5.png", "pos_0,75.png", "pos_1.png"],
+            &["z0p25mm.png", "z0p50mm.png", "z1p00mm.png", "z10p25mm.png"],
             &["z_-30.0mm.png", "z_-29.5mm.png", "z_-0.5mm.png"],
             &["frame-0008.png", "frame-0009.png", "frame-0010.png"],
         ] {
@@ -286,8 +291,11 @@ mod tests {
                 Ok(&right.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>()[..])
             );
         }
-        let error = sorted(&["z_1.0.png", "z_1.25.png", "z_1.5.png"]).expect_err("two orders");
-        assert!(error.contains("z_1.5.png and z_1.25.png: decimals, or two numbers"), "{error}");
+        for point in POINTS {
+            let [half, quarter] = ["5", "25"].map(|digits| format!("z_1{point}{digits}.png"));
+            let error = sorted(&[&format!("z_1{point}0.png"), &quarter, &half]).expect_err("two orders");
+            assert!(error.contains(&format!("{half} and {quarter}: decimals, or two numbers")), "{error}");
+        }
         // A minus before a length that all names have, by the unit behind it or the axis before it, at any place.
         for names in [
             &["z-30.0mm.png", "z-29.5mm.png", "z-0.5mm.png"][..],

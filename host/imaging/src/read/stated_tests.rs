@@ -246,6 +246,15 @@ fn mha_spacing_mm(lines: &str) -> Result<Option<[f64; 2]>, String> {
 }
 
 #[test]
+fn a_brightness_that_falls_as_samples_rise_is_refused_by_name() {
+    assert!(mha("ElementToIntensityFunctionSlope = 2\n").is_ok());
+    for slope in ["-1", "0", "x"] {
+        let error = mha(&format!("ElementToIntensityFunctionSlope = {slope}\n")).expect_err(slope);
+        assert!(error.contains(&format!("ElementToIntensityFunctionSlope: \"{slope}\"")), "{error}");
+    }
+}
+
+#[test]
 fn a_unit_of_length_is_followed() {
     assert_eq!(nrrd_spacing_mm("spacings: 0.02 0.02 nan\nunits: \"cm\" \"cm\" \"s\"\n"), Ok(Some([0.2; 2])));
     assert_eq!(nrrd_spacing_mm("units: \"um\" \"um\" \"\"\nspacings: 200 100 nan\n"), Ok(Some([0.2, 0.1])));

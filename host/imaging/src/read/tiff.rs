@@ -17,6 +17,8 @@ use tiff::{ColorType, TiffError};
 pub(super) struct Open {
     path: PathBuf,
     page: usize,
+    /// How the first page is to be turned.
+    orientation: u16,
     decoder: Decoder<BufReader<File>>,
 }
 
@@ -86,10 +88,20 @@ pub(super) fn image(open: &mut Option<Open>, path: &Path, page: usize) -> Result
         reader.decoder.next_image().map_err(damaged(path))?;
         reader.page += 1;
     }
-    let orientation = reader.decoder.find_tag_unsigned::<u16>(Tag::Orientation).map_err(damaged(path))?;
-    let image = reader.image(if stacked.is_some() { page } else { 0 })?.turned(orientation.unwrap_or(1));
+    let orientation = orientation(&mut reader.decoder, path)?;
+    // Some programs write it into the first page alone, and it is not known which of both is right.
+    if orientation != reader.orientation {
+        let problem = format!("{orientation} of page {}, and {} of the first", page + 1, reader.orientation);
+        return Err(ImagingError::invalid(path, "Orientation", problem, "one orientation of all pages"));
+    }
+    let image = reader.image(if stacked.is_some() { page } else { 0 })?.turned(orientation);
     *open = Some(reader);
     Ok(image)
+}
+
+/// How the present page is to be turned, as EXIF counts it.
+fn orientation(decoder: &mut Decoder<BufReader<File>>, path: &Path) -> Result<u16, ImagingError> {
+    Ok(decoder.find_tag_unsigned::<u16>(Tag::Orientation).map_err(damaged(path))?.unwrap_or(1))
 }
 
 impl Open {
@@ -99,8 +111,9 @@ impl Open {
         limits.decoding_buffer_size = 8 * MAX_PIXELS;
         limits.intermediate_buffer_size = 8 * MAX_PIXELS;
         limits.ifd_value_size = 1 << 20;
-        let decoder = Decoder::new(BufReader::new(file)).map_err(damaged(path))?.with_limits(limits);
-        Ok(Self { path: path.to_owned(), page: 0, decoder })
+        let mut decoder = Decoder::new(BufReader::new(file)).map_err(damaged(path))?.with_limits(limits);
+        let orientation = orientation(&mut decoder, path)?;
+        Ok(Self { path: path.to_owned(), page: 0, orientation, decoder })
     }
 
     /// Refuses files whose images are not one list of frames: several channels of each, or volumes over time.

@@ -192,6 +192,35 @@ fn files_that_systems_leave_in_a_folder_are_no_frames() {
 
 #[cfg(feature = "dicom")]
 #[test]
+fn dicom_of_one_instance_number_is_in_the_order_of_its_times() {
+    let whole = data("others/MR_small.dcm");
+    // The acquisition's time, which is empty.
+    let time = [8, 0, 0x32, 0, b'T', b'M', 0, 0];
+    let at = whole.windows(8).position(|bytes| bytes == time).expect("a time") + 8;
+    let mut whole: Vec<u8> = [&whole[..at], b"120000", &whole[at..]].concat();
+    whole[at - 2] = 6;
+    let pixels =
+        whole.windows(6).rposition(|at| at == [0xE0, 0x7F, 0x10, 0, b'O', b'W']).expect("pixels") + 12;
+    let marks = |digits: [u8; 3]| {
+        let folder = tempfile::tempdir().expect("a folder");
+        for ((name, digit), mark) in ["1.2.9", "1.2.4", "1.2.7"].into_iter().zip(digits).zip(1u8..) {
+            let mut one_frame = whole.clone();
+            one_frame[at + 5] = digit;
+            one_frame[pixels + 1] = 16 * mark;
+            fs::write(folder.path().join(name), one_frame).expect("a file");
+        }
+        let (_, read) = frames(folder.path()).expect("a series");
+        read.iter().map(|frame| frame.pixels[0]).collect::<Vec<u8>>()
+    };
+    let by_time = marks([b'0', b'1', b'2']);
+    assert!(by_time.is_sorted() && by_time[0] < by_time[2], "{by_time:?}");
+    // Times that are one say nothing: 1.2.4, 1.2.7, 1.2.9.
+    let by_name = marks([b'1'; 3]);
+    assert!(by_name[0] > by_name[2] && by_name[1] > by_name[2], "{by_name:?}");
+}
+
+#[cfg(feature = "dicom")]
+#[test]
 fn dicom_is_known_by_its_content_and_a_folder_of_it_is_a_sequence() {
     let whole = data("others/MR_small.dcm");
     for name in ["image.IMA", "1.2.840.113619.2.55.3", "IM0001", "scan.DICOM"] {

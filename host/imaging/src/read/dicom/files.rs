@@ -21,7 +21,8 @@ pub(in super::super) fn files(folder: &Path) -> Result<Vec<PathBuf>, ImagingErro
     Ok(files)
 }
 
-/// Opens the files of a folder as one sequence, in the order of their instance numbers where all have one, else of those in their names.
+/// Opens the files of a folder as one sequence, in the order of their instance numbers where all have one, else of their times, else of the numbers in
+/// their names.
 pub(in super::super) fn open_files(
     folder: &Path,
     files: &[PathBuf],
@@ -29,8 +30,11 @@ pub(in super::super) fn open_files(
     let mut opened: Vec<(PathBuf, Opened)> =
         files.iter().map(|path| Ok((path.clone(), open_file(path)?))).collect::<Result<_, ImagingError>>()?;
     let has_numbers = sort(&mut opened)?;
+    let has_times = !has_numbers && sort_by_times(&mut opened);
     let remark = if has_numbers {
         None
+    } else if has_times {
+        Some("no file has an InstanceNumber of its own: frames are in the order of their times".to_owned())
     } else {
         let mut named = files.to_vec();
         let remark = names::sort(folder, &mut named)?;
@@ -39,7 +43,11 @@ pub(in super::super) fn open_files(
     };
     let mut header = opened.first().map(|(_, first)| first.header.clone()).unwrap_or_default();
     header.notes.extend(remark);
-    let order = if has_numbers { "InstanceNumber" } else { "their names" };
+    let order = match (has_numbers, has_times) {
+        (true, _) => "InstanceNumber",
+        (false, true) => "their times",
+        (false, false) => "their names",
+    };
     header.places = places(&opened);
     header.notes.extend(header.places.as_ref().and_then(|places| order_note(places, order)));
     let mut pages = Vec::new();
@@ -127,6 +135,16 @@ fn sort(opened: &mut [(PathBuf, Opened)]) -> Result<bool, ImagingError> {
         }
         None => Ok(true),
     }
+}
+
+/// Puts files in the order in which they were taken, if all state that and no two the same.
+fn sort_by_times(opened: &mut [(PathBuf, Opened)]) -> bool {
+    let times: BTreeSet<&Option<String>> = opened.iter().map(|(_, one)| &one.taken).collect();
+    if times.contains(&None) || times.len() != opened.len() {
+        return false;
+    }
+    opened.sort_by(|(_, a), (_, b)| a.taken.cmp(&b.taken));
+    true
 }
 
 /// Files with the number of their frames, one of them open.
