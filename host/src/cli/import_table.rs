@@ -1,17 +1,18 @@
 //! `guide import table`: any laboratory's tables as a run, with a statement of what was taken for what.
 
-use super::import_shapes::{ShapeArgs, last_hold_note};
+mod echo;
+
+use super::import_shapes::ShapeArgs;
 use super::output::Output;
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use device::words::join;
+use echo::{Echo, Imported, Run};
 use formats::foreign::{
-    Choice, ENDINGS, Mapping, Options, RawTable, TableError, Taken, TakenColumn, ZOrigin, Zero,
-    of_other_format, take,
+    Choice, ENDINGS, Mapping, Options, RawTable, TableError, Taken, ZOrigin, Zero, of_other_format, take,
 };
 use formats::session::import::id_of;
-use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup};
-use serde::Serialize;
-use std::fmt::{self, Display};
+use formats::session::{SessionWriter, Setup};
+use mechanics::Rig;
 use std::fs;
 use std::io::{self, BufRead, IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
@@ -42,10 +43,14 @@ pub struct TableArgs {
     /// To be added to the displacement's times for those of the force, where the files have clocks of their own
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     offset_s: Option<f64>,
+    /// Bring the clocks of force and displacement together by their ramps, offset and drift, also where both are clocks of the day or since 1970
+    #[arg(long, conflicts_with_all = ["merge_on", "offset_s"])]
+    by_ramps: bool,
     /// Rows a second, where there is no column of times
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate_hz: Option<f64>,
-    /// Zero of the displacement, and of the tip of an insertion (auto: where the run begins, if the column is a position)
+    /// Zero of the displacement, of a shape with its sweep at rest, and of depth and tip of an insertion (auto: where the run begins, if the column
+    /// is a position)
     #[arg(long, value_enum, default_value = "auto")]
     zero: ZeroArg,
     /// Every file is a run of its own (as the files of a folder are); otherwise all are parts of one
@@ -78,37 +83,13 @@ fn rate(text: &str) -> Result<f64, String> {
     hz.ok_or_else(|| "expected rows a second from 0.001 to 1000000".to_owned())
 }
 
-/// Imported run.
-#[derive(Serialize)]
-struct Imported {
-    schema: &'static str,
-    session: PathBuf,
-    runs: Vec<Run>,
-    /// The command line that does the same.
-    again: String,
-}
-
-#[derive(Serialize)]
-struct Run {
-    id: String,
-    kind: &'static str,
-    rows: usize,
-    shape_points: usize,
-    depth_mm: Option<f64>,
-    files: Vec<String>,
-    columns: Vec<TakenColumn>,
-    others: Vec<String>,
-    offset_s: Option<f64>,
-    offset_sd_s: Option<f64>,
-    notes: Vec<String>,
-}
-
 impl TableArgs {
     /// Whether any of its options is given.
     pub fn is_requested(&self) -> bool {
-        let Self { maps, map_file, save_map, z_from, merge_on, offset_s, rate_hz, zero, each, yes } = self;
+        let Self { maps, map_file, save_map, z_from, merge_on, offset_s, by_ramps, rate_hz, zero, each, yes } =
+            self;
         let files = map_file.is_some() || save_map.is_some();
-        let clocks = merge_on.is_some() || offset_s.is_some() || rate_hz.is_some();
+        let clocks = merge_on.is_some() || offset_s.is_some() || *by_ramps || rate_hz.is_some();
         !maps.is_empty() || files || clocks || z_from.is_some() || *zero != ZeroArg::Auto || *each || *yes
     }
 
@@ -119,11 +100,12 @@ impl TableArgs {
         })
     }
 
-    fn options(&self, entry_m: f64) -> Options {
+    fn options(&self, rig: &Rig) -> Options {
         Options {
             rate_hz: self.rate_hz,
             merge_on: self.merge_on.clone(),
             offset_s: self.offset_s,
+            by_ramps: self.by_ramps,
             zero: match self.zero {
                 ZeroArg::Auto => Zero::Auto,
                 ZeroArg::First => Zero::First,
@@ -133,7 +115,8 @@ impl TableArgs {
                 ZFrom::Guide1 => ZOrigin::Guide1,
                 ZFrom::Surface => ZOrigin::Surface,
             }),
-            entry_m,
+            entry_m: rig.entry_m,
+            guide2_m: rig.guide2_m,
         }
     }
 }
@@ -148,7 +131,7 @@ pub fn run(
     setup: &Setup,
     out: &mut Output,
 ) -> anyhow::Result<()> {
-    let (mapping, options) = (args.mapping()?, args.options(setup.rig.entry_m));
+    let (mapping, options) = (args.mapping()?, args.options(&setup.rig));
     let groups = groups(paths, args.each)?;
     ensure!(
         groups.len() == 1 || shapes.id.is_none(),
@@ -161,7 +144,7 @@ pub fn run(
             .map_err(|error| with_missing_depth(error, &mapping, shapes.depth_mm))?;
         let first = group.first().context("PATH: no file, expected one or more")?;
         let id = shapes.id.clone().unwrap_or_else(|| id_of(first));
-        imported_runs.push((Run::new(id, &columns_used, shapes.depth_mm)?, columns_used));
+        imported_runs.push((Run::new(id, &columns_used, shapes.depth_mm, setup.rig.entry_m)?, columns_used));
     }
     let chosen = imported_runs.first().map(|(_, taken)| taken.mapping.clone()).unwrap_or_default();
     let again = again(paths, shapes, args, &chosen, to, rig);
@@ -250,50 +233,6 @@ fn with_missing_depth(error: anyhow::Error, mapping: &Mapping, depth_mm: Option<
 /// A lateral run without its depth.
 const MISSING_DEPTH: &str = "--depth-mm: missing, expected the length of the needle in the tissue (0 in air)";
 
-impl Run {
-    fn new(id: String, taken: &Taken, depth_mm: Option<f64>) -> anyhow::Result<Self> {
-        let (kind, rows) = match (&taken.force, &taken.insertion) {
-            (Some(force), _) => ("lateral", force.time_s.len()),
-            (None, Some(insertion)) => ("insertion", insertion.depth_m.len()),
-            (None, None) => bail!("no run in these files"),
-        };
-        let depth_mm = match kind {
-            "lateral" => {
-                let depth_mm = depth_mm.context(MISSING_DEPTH)?;
-                let [least_mm, most_mm] = DEPTH_RANGE_MM;
-                let is_depth = depth_mm == 0.0 || (least_mm..=most_mm).contains(&depth_mm);
-                ensure!(is_depth, "--depth-mm: {depth_mm}, expected 0 or {least_mm} to {most_mm} mm");
-                Some(depth_mm)
-            }
-            _ => None,
-        };
-        Ok(Self {
-            id,
-            kind,
-            rows,
-            shape_points: taken.shape.as_ref().map_or(0, |shape| shape.z_m.len()),
-            depth_mm,
-            files: taken.forms.clone(),
-            columns: taken.columns.clone(),
-            others: taken.others.clone(),
-            offset_s: taken.offset.map(|offset| offset.offset_s),
-            offset_sd_s: taken.offset.map(|offset| offset.sd_s),
-            notes: taken.notes.iter().cloned().chain(note_of_shape(taken, depth_mm)).collect(),
-        })
-    }
-}
-
-/// Remark on the hold to which a shape without times belongs.
-fn note_of_shape(taken: &Taken, depth_mm: Option<f64>) -> Option<String> {
-    let (force, shape) = taken.force.as_ref().zip(taken.shape.as_ref())?;
-    let of_force = taken.columns.iter().find(|column| column.is == "force_y_n")?;
-    if shape.time_s.is_some() {
-        return None;
-    }
-    let remedy = "a column time_s in its table states when it was measured";
-    last_hold_note(&of_force.file, force.clone(), 1e-3 * depth_mm.unwrap_or(0.0), remedy)
-}
-
 /// Writes a run into the session.
 fn write(session: &mut SessionWriter, run: &Run, taken: &Taken) -> anyhow::Result<()> {
     match (&taken.force, &taken.insertion) {
@@ -344,6 +283,7 @@ fn again(
     push_option("--z-from", z_from, &mut words);
     push_option("--merge-on", args.merge_on.clone(), &mut words);
     push_option("--offset-s", args.offset_s.map(|s| s.to_string()), &mut words);
+    words.extend(args.by_ramps.then(|| "--by-ramps".to_owned()));
     push_option("--rate-hz", args.rate_hz.map(|hz| hz.to_string()), &mut words);
     push_option(
         "--zero",
@@ -365,61 +305,4 @@ fn again(
 
 fn push_option(name: &str, value: Option<String>, words: &mut Vec<String>) {
     words.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
-}
-
-/// Quantities that columns were taken for.
-struct Echo<'a>(&'a Run);
-
-impl Display for Echo<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Run { id, columns, others, files, notes, .. } = self.0;
-        writeln!(f, "{id}: what is taken for what")?;
-        let (is, unit) = (
-            column_width(&|c| c.is.len(), 8, columns),
-            column_width(&|c| c.unit.chars().count(), 4, columns),
-        );
-        let column = column_width(&|c| c.column.chars().count(), 6, columns);
-        writeln!(
-            f,
-            "  {:<is$}  {:<column$}  {:<unit$}  from ... to, in the unit of the quantity",
-            "quantity", "column", "unit"
-        )?;
-        for TakenColumn { is: name, column: header, unit: of, range: [least, most], rows, file } in columns {
-            let file = file.file_name().unwrap_or_default().to_string_lossy();
-            writeln!(
-                f,
-                "  {name:<is$}  {header:<column$}  {of:<unit$}  {least:.4} ... {most:.4}, {rows} rows of {file}"
-            )?;
-        }
-        for other in others {
-            writeln!(f, "  not taken: {other}")?;
-        }
-        for form in files {
-            writeln!(f, "  {form}")?;
-        }
-        for (at, note) in notes.iter().enumerate() {
-            let end = if at + 1 == notes.len() { "" } else { "\n" };
-            write!(f, "  {note}{end}")?;
-        }
-        Ok(())
-    }
-}
-
-fn column_width(of: &dyn Fn(&TakenColumn) -> usize, least: usize, columns: &[TakenColumn]) -> usize {
-    columns.iter().map(of).max().unwrap_or(0).max(least)
-}
-
-impl Display for Imported {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Run { id, kind, rows, shape_points, depth_mm, .. } in &self.runs {
-            let depth = depth_mm.map_or_else(String::new, |mm| format!(", {mm:.1} mm deep"));
-            let shape = match (*kind, shape_points) {
-                ("lateral", 0) => ", without a shape".to_owned(),
-                ("lateral", points) => format!(", {points} points of shape"),
-                _ => String::new(),
-            };
-            writeln!(f, "{kind:<12} {id}: {rows} rows{depth}{shape}")?;
-        }
-        writeln!(f, "session      {}", self.session.display())
-    }
 }

@@ -218,7 +218,17 @@ impl Found {
         self.when(moved_m > MOVED_M && bent_m < 1e-2 * moved_m, shape_path, || {
             (format!("deflection_y_mm: {bent_mm} at most"), "millimetres: is this in metres?")
         });
-        self.when(moved_m > MOVED_M && bent_m > MAX_DEFLECTION * moved_m, shape_path, || {
+        let doubt = shape.doubt(force, session.rig.guide2_m);
+        if let Some(doubt) = doubt {
+            let message = format!("deflection_y_mm: {doubt}");
+            self.warn(
+                shape_path,
+                message,
+                "millimetres from the straight needle, with the directions of guide 2",
+            );
+        }
+        let is_far = doubt.is_none() && bent_m > MAX_DEFLECTION * moved_m;
+        self.when(moved_m > MOVED_M && is_far, shape_path, || {
             let message =
                 format!("deflection_y_mm: {bent_mm:.2} at most, guide 2 moved by {:.2} mm", 1e3 * moved_m);
             (message, "millimetres from the straight needle")

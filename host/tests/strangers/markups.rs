@@ -66,6 +66,23 @@ fn a_quaternion_with_its_scalar_first() {
     assert_right_or_rejected(&fibre(&content), &["q"], |answer| assert_curve(answer, 0.0, 100));
 }
 
+#[test]
+fn a_fibre_in_the_coordinates_of_a_tracker() {
+    let content = places()
+        .fold("x,y,z\n".to_owned(), |text, z| text + &format!("12.5,{:.6},{z}\n", 104.2 + deflection_mm(z)));
+    let answer = fibre(&content);
+    assert!(
+        answer.printed.contains("are these coordinates of a tracker? (--origin-mm"),
+        "{}",
+        answer.printed
+    );
+    let options =
+        ["fbg", "needle.csv", "--origin-z-mm", "0", "--depth-mm", "30", "--origin-mm", "12.5,104.2,0"];
+    let answer = import(with_file("needle.csv", &content), &options);
+    assert!(!answer.printed.contains("tracker"), "{}", answer.printed);
+    assert_curve(&answer, 0.0, 100);
+}
+
 /// A point of the needle in the room: right, anterior, superior. The needle goes along superior, deflections are anterior.
 fn in_room(along_mm: f64) -> [f64; 3] {
     [12.0, -40.0 + deflection_mm(along_mm), 5.0 + along_mm]

@@ -103,7 +103,7 @@ pub fn table(request: &TableRequest) -> Result<String, AnswerError> {
     }
     let choices = request.maps.iter().map(|map| Choice::parse(map)).collect::<Result<Vec<_>, _>>()?;
     let mapping = Mapping { choices };
-    let options = request.options(setup.rig.entry_m)?;
+    let options = request.options(&setup.rig)?;
     let outcome = take(&tables, &mapping, &options)
         .map_err(|error| error.to_string())
         .and_then(|taken| Ok((request.files_of(&setup, &taken)?, taken)));
@@ -170,7 +170,7 @@ fn entry((table, column): (&RawTable, &formats::foreign::RawColumn)) -> ColumnEn
 }
 
 impl TableRequest {
-    fn options(&self, entry_m: f64) -> Result<Options, AnswerError> {
+    fn options(&self, rig: &mechanics::Rig) -> Result<Options, AnswerError> {
         let z_from = match self.z_from.as_deref() {
             None => None,
             Some("guide1") => Some(ZOrigin::Guide1),
@@ -188,9 +188,11 @@ impl TableRequest {
             rate_hz: self.rate_hz,
             merge_on: self.merge_on.clone(),
             offset_s: self.offset_s,
+            by_ramps: false,
             zero: Zero::Auto,
             z_from,
-            entry_m,
+            entry_m: rig.entry_m,
+            guide2_m: rig.guide2_m,
         })
     }
 

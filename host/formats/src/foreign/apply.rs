@@ -15,16 +15,18 @@ use std::path::PathBuf;
 mod clock;
 mod coarse;
 mod counter;
+mod insertion;
 mod lateral;
 mod missing;
 mod rows;
 mod series;
+mod straight;
 mod zero;
 
 use clock::Timed;
+use insertion::insertion;
 use lateral::lateral;
-use missing::{found, not_numbers, nothing};
-use rows::insertion;
+use missing::{found, half_of_shape, not_numbers, nothing, unused_file};
 pub(super) use series::Series;
 
 /// Options of the user beside the mapping.
@@ -36,12 +38,16 @@ pub struct Options {
     pub merge_on: Option<String>,
     /// To be added to the displacement's times; estimated where it is none and the files have clocks of their own.
     pub offset_s: Option<f64>,
-    /// Choice of zero displacement.
+    /// Whether the clocks of two files are brought together by the ramps although both are dates or since 1970.
+    pub by_ramps: bool,
+    /// Choice of zero displacement, of the zero of a shape, and of a tip.
     pub zero: Zero,
     /// From where positions along the needle are.
     pub z_from: Option<ZOrigin>,
     /// Position of the tissue's surface from guide 1, metres.
     pub entry_m: f64,
+    /// Position of guide 2 from guide 1, metres; 0 where it is the only guide.
+    pub guide2_m: f64,
 }
 
 /// Choice of zero displacement.
@@ -186,6 +192,9 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
             });
         }
     }
+    if let Some(error) = half_of_shape(&columns_used) {
+        return Err(error);
+    }
     result.describe(tables, &columns_used);
     for part in &columns_used {
         let is_over_time =
@@ -214,7 +223,10 @@ pub fn take(tables: &[RawTable], mapping: &Mapping, options: &Options) -> Result
         })
         .unwrap_or_else(|| nothing(tables, &columns_used)));
     }
-    Ok(result)
+    match unused_file(tables, &columns_used) {
+        Some(error) => Err(error),
+        None => Ok(result),
+    }
 }
 
 fn map_fault(choice: &Choice, problem: &str, expected: &str) -> TableError {
@@ -232,8 +244,15 @@ fn unit(
 ) -> Result<Unit, TableError> {
     let target = choice.target;
     note_other_unit(column, choice, table, notes);
-    let expected =
-        || format!("--map '{}={}:UNIT' with {}", choice.column, target.name, target.quantity.examples());
+    let expected = || {
+        let (quantity, column) = (target.quantity, &choice.column);
+        format!(
+            "--map '{column}={}:UNIT' with {}, or what one in the column stands for, such as {}",
+            target.name,
+            quantity.examples(),
+            quantity.multiple()
+        )
+    };
     match choice.unit.as_ref().or(column.unit.as_ref()) {
         Some(unit) if unit.quantity == target.quantity => Ok(unit.clone()),
         Some(unit) => Err(map_fault(
@@ -241,13 +260,21 @@ fn unit(
             &format!("its unit, {}, is one of {}", unit.name, unit.quantity),
             &expected(),
         )),
-        None => Err(map_fault(choice, "no unit is stated", &expected())),
+        None => {
+            let doubt = column.unit_doubt.as_ref().map(ToString::to_string);
+            Err(map_fault(choice, doubt.as_deref().unwrap_or("no unit is stated"), &expected()))
+        }
     }
 }
 
 /// Notes a unit that the user states where the file states another: that of the user counts.
 fn note_other_unit(column: &RawColumn, choice: &Choice, table: &RawTable, notes: &mut Vec<String>) {
-    let Some((stated, of_file)) = choice.unit.as_ref().zip(column.unit.as_ref()) else { return };
+    let Some(stated) = &choice.unit else { return };
+    if let Some(doubt) = &column.unit_doubt {
+        let (path, header, unit) = (table.path.display(), &column.header, &stated.name);
+        notes.push(format!("{path}: \"{header}\": {doubt}: it is taken in {unit} as --map states"));
+    }
+    let Some(of_file) = &column.unit else { return };
     // A minus turns the direction, and the digits of one factor differ by rounding.
     let is_same = of_file.quantity == stated.quantity
         && (stated.to_si.abs() - of_file.to_si.abs()).abs() <= f64::EPSILON * 4.0 * of_file.to_si.abs();

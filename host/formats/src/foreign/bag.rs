@@ -242,6 +242,7 @@ impl Messages {
                 name: name.to_owned(),
                 header: format!("{topic}:{name}"),
                 unit,
+                unit_doubt: None,
                 number,
                 is_stamp: false,
                 origin: 0,

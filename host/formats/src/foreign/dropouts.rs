@@ -184,7 +184,8 @@ pub(super) fn without(tables: &[RawTable], mapping: &Mapping) -> Vec<RawTable> {
                 continue;
             };
             table.notes.extend(take_out_zeros(column, &table.lines));
-            if quantity == Quantity::Force {
+            // A guide may stand still to the last digit; a force and the tip of a needle that goes in do not.
+            if quantity == Quantity::Force || name.starts_with("tip_") {
                 table.notes.extend(stuck(column, &table.lines));
             }
         }
@@ -231,7 +232,7 @@ fn words(mark: &Mark) -> String {
     )
 }
 
-/// Remark on a force that is one value over and over.
+/// Remark on a force or a tip that is one value over and over.
 fn stuck(column: &RawColumn, lines: &[usize]) -> Option<String> {
     let readings = Readings::new(column);
     let stretches = readings.stretches();

@@ -4,10 +4,11 @@
 //! A program that changes its form writes many such rows, and one line of numbers above a table is often its number of rows or a factor. Two
 //! lines or more are rows, and an error at the line where the form changes; a single one is noted.
 
+use super::RawTable;
 use super::TableError;
 use super::cells::{Number, is_missing};
 use super::grid::{SEPARATORS, form_of, split};
-use super::raw::{RawTable, is_comment};
+use super::readings::is_comment;
 use std::path::Path;
 
 /// Numbers of a line that is a row.

@@ -142,6 +142,17 @@ fn what_is_not_known_is_asked_for_by_name() {
             &["Extension (N)=displacement_y_mm"],
             "its unit, N, is one of force",
         ),
+        (
+            "Time (s),Extension (mm),Load (V)\n",
+            &[],
+            "(V), expected --map 'Load (V)=force_y_n:UNIT' with N, mN, g, kg, lbf, or what one in the column stands for, such as 0.5 N",
+        ),
+        ("Time (s),Extension (mm),Load x100 [N]\n", &[], "its name has a factor, x100"),
+        (
+            "Time (s),Extension (mm),Load (N)\n(s),(mm),(mN)\n",
+            &[],
+            "its name states N, and the line of units mN",
+        ),
         ("a,b,c\n", &[], "--map 'COLUMN=QUANTITY:UNIT' for each"),
         ("Time (s),Extension (m),Load (N)\n", &[], "is the unit right?"),
         ("Time (s),Extension (mm),Load (N)\n", &["Force=force_y_n:N"], "expected one of \"Time (s)\""),
@@ -155,6 +166,28 @@ fn what_is_not_known_is_asked_for_by_name() {
     });
     let error = taken(&rows, &[], None).expect_err("a word").to_string();
     assert!(error.contains("t.csv:11: Load (N): \"over\" is not a number"), "{error}");
+}
+
+#[test]
+fn counts_and_volts_are_taken_by_what_one_of_them_stands_for() {
+    let bytes = lines("Time (s),Encoder (counts),Load x100 [N],Cell (mV)\n", |_, t, x, f| {
+        format!("{t},{:.4},{:.6},{:.6}", 1e3 * x, 100.0 * f, 2.0 * f)
+    });
+    let encoder = "Encoder (counts)=displacement_y_mm:1/1000 mm";
+    same("factor", &bytes, &[encoder, "Load x100 [N]=force_y_n:0.01 N"], None);
+    same("calibration", &bytes, &[encoder, "Cell (mV)=force_y_n:0.5N"], None);
+    let run = taken(&bytes, &[encoder, "Load x100 [N]=force_y_n:N"], None);
+    let error_or_note = run.map_or_else(|error| error.to_string(), |run| run.notes.join("\n"));
+    assert!(error_or_note.contains("its name has a factor, x100"), "{error_or_note}");
+}
+
+#[test]
+fn a_number_that_ends_with_its_point_is_cut_off() {
+    let mut bytes = lines("Time (s),Extension (mm),Load (N)\n", |_, t, x, f| format!("{t},{x:.6},{f}"));
+    bytes.extend(b"8.0,1.2,1.");
+    let run = taken(&bytes, &[], None).expect("a run");
+    assert!(run.notes.iter().any(|note| note.contains("the last row is cut off")), "{:?}", run.notes);
+    assert_eq!(run.force.map(|force| force.time_s.len()), Some(400));
 }
 
 #[test]

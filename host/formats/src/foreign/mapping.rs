@@ -90,14 +90,11 @@ impl Choice {
             )
         })?;
         let unit = unit.map(|unit| {
-            let matching_unit = Unit::parse(unit).filter(|known| known.quantity == target.quantity);
+            let matching_unit = Unit::multiple(unit).filter(|known| known.quantity == target.quantity);
             let quantity = target.quantity;
             matching_unit.ok_or_else(|| {
-                fault(
-                    format!("\"{}\" is no unit of {quantity}", unit.trim()),
-                    quantity.examples().to_owned(),
-                    text,
-                )
+                let expected = format!("{}, or a multiple: {}", quantity.examples(), quantity.multiple());
+                fault(format!("\"{}\" is no unit of {quantity}", unit.trim()), expected, text)
             })
         });
         Ok(Self { column: column.trim().to_owned(), target, unit: unit.transpose()? })
@@ -234,13 +231,19 @@ impl Mapping {
                 }
             }
         }
+        // A deflection without its place along the needle is none, whatever its name is.
+        if choices.iter().all(|choice| choice.target.name != "z_mm") {
+            choices.retain(|choice| {
+                !choice.target.name.starts_with("deflection_") || self.choices.contains(choice)
+            });
+        }
         Self { choices }
     }
 }
 
 /// Words of names for what is guessed: quantities along one axis, taken as the vertical one.
 const GUESSED: [(&str, Quantity, &[&str]); 4] = [
-    ("force_y_n", Quantity::Force, &["force", "load", "kraft", "fy", "fx", "fz", "f"]),
+    ("force_y_n", Quantity::Force, &["force", "load", "weight", "kraft", "gewicht", "fy", "fx", "fz", "f"]),
     (
         "displacement_y_mm",
         Quantity::Length,
@@ -263,8 +266,10 @@ const GUESSED: [(&str, Quantity, &[&str]); 4] = [
 ];
 
 /// Words of columns beside the measured one: what a controller wants, how far it is from that, what a sensor has besides.
-const NOT_MEASURED: [&str; 22] = [
+const NOT_MEASURED: [&str; 24] = [
     "setpoint",
+    "soll",
+    "sollwert",
     "target",
     "command",
     "commanded",

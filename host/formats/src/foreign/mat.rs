@@ -303,6 +303,7 @@ fn raw(header: String, number: usize, values: Vec<f64>) -> RawColumn {
         name,
         header,
         unit,
+        unit_doubt: None,
         number,
         is_stamp: false,
         origin,

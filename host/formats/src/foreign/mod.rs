@@ -27,9 +27,11 @@ mod marks;
 mod mat;
 mod names;
 mod raw;
+mod readings;
 mod remarks;
 mod stamp;
 mod stated_rate;
+mod stated_unit;
 mod status;
 mod summary;
 mod thousands;
@@ -44,6 +46,7 @@ pub use mapping::{Choice, Mapping, Target};
 pub use raw::{RawColumn, RawTable, WordColumn};
 pub use remarks::{ONE_ZERO, Remark, new_zero_among_forces};
 pub use stated_rate::StatedRate;
+pub use stated_unit::UnitDoubt;
 pub use unit::{Quantity, Unit};
 
 use std::path::PathBuf;
@@ -163,6 +166,8 @@ mod dropout_tests;
 mod layout_tests;
 #[cfg(test)]
 mod left_out_tests;
+#[cfg(test)]
+mod positions_tests;
 #[cfg(test)]
 mod stated_tests;
 #[cfg(test)]

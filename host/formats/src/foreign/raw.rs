@@ -1,14 +1,15 @@
 //! Finds the numbers of a table, and the names of its columns.
 
 use super::cells::{Number, is_missing};
-use super::dropouts::CHANCE;
 use super::forms::{Form, has_words};
 use super::grid::Grid;
 use super::left_out::without;
+use super::readings::{are_names, ends_within, is_comment};
 use super::remarks::Remark;
 use super::stated_rate::StatedRate;
+use super::stated_unit::{StatedUnit, UnitDoubt};
 use super::summary::{rows_apart, rows_of_statistics};
-use super::unit::{Unit, split_name};
+use super::unit::Unit;
 use super::{TableError, names, remarks, status, thousands};
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,8 @@ pub struct RawColumn {
     pub header: String,
     /// Its unit, where it is stated.
     pub unit: Option<Unit>,
+    /// Why there is none although something is stated.
+    pub unit_doubt: Option<UnitDoubt>,
     /// Its place, from 1.
     pub number: usize,
     /// Whether it holds dates or times of day; its values are seconds then.
@@ -206,8 +209,8 @@ impl RawTable {
             let filled = cells.iter().filter(|cell| !is_missing(cell)).count();
             let header = names.get(index).filter(|name| !name.is_empty()).cloned();
             let header = header.unwrap_or_else(|| format!("column {}", index + 1));
-            let (name, header_unit) = split_name(&header);
-            let unit = units.get(index).cloned().flatten().or(header_unit);
+            let StatedUnit { name, unit, doubt } =
+                StatedUnit::of(&header, units.get(index).cloned().flatten());
             if number_count == 0 || 2 * number_count < filled {
                 let first = sample.clone().find_map(|(line, cells)| {
                     let cell = cells.get(index)?;
@@ -221,6 +224,7 @@ impl RawTable {
                 name,
                 header,
                 unit,
+                unit_doubt: doubt,
                 number: index + 1,
                 is_stamp: false,
                 origin: 0,
@@ -253,9 +257,7 @@ impl RawTable {
             if is_comment(cells) {
                 skipped.push(*line);
                 table.remarks.push(Remark::new(*line, cells));
-            } else if at == last
-                && at > first
-                && (cells.len() < width || is_cut && has_fewer_digits(&rows, first))
+            } else if at == last && at > first && (cells.len() < width || is_cut && ends_within(&rows, first))
             {
                 notes.push(format!("line {line}: the last row is cut off, and skipped"));
             } else if !table.add(*line, cells, has_decimal_comma) {
@@ -332,87 +334,4 @@ impl RawTable {
         };
         Ok(table)
     }
-
-    /// Behind the last row of readings: rows at the end with a word in the first column of numbers are a summary or a note of the program, of which there are fewer than readings.
-    fn end(&self, rows: &[(usize, Vec<String>)], first: usize, has_decimal_comma: bool) -> usize {
-        let Some(column_index) = self.columns.first().map(|column| column.number - 1) else {
-            return rows.len();
-        };
-        fn is_word(cell: &str, has_decimal_comma: bool) -> bool {
-            !is_missing(cell)
-                && cell.chars().any(char::is_alphabetic)
-                && Number::parse(cell, has_decimal_comma).is_none()
-        }
-        let cells = rows.iter().skip(first).rev().map(|(_, cells)| cells.get(column_index));
-        let count =
-            cells.take_while(|cell| cell.is_some_and(|cell| is_word(cell, has_decimal_comma))).count();
-        if first + 2 * count > rows.len() { rows.len() } else { rows.len() - count }
-    }
-
-    /// Adds a row; not where it has no number at all.
-    fn add(&mut self, line: usize, cells: &[String], has_decimal_comma: bool) -> bool {
-        fn read(column: &RawColumn, has_decimal_comma: bool, cells: &[String]) -> Option<Number> {
-            cells.get(column.number - 1).and_then(|cell| Number::parse(cell, has_decimal_comma))
-        }
-        if self.columns.iter().all(|column| read(column, has_decimal_comma, cells).is_none()) {
-            return false;
-        }
-        for column in &mut self.columns {
-            let number = read(column, has_decimal_comma, cells);
-            let cell = cells.get(column.number - 1).map_or("", String::as_str);
-            let value = match number {
-                Some(number) => {
-                    if !std::mem::replace(&mut column.has_values, true) {
-                        column.is_stamp = number.is_stamp;
-                        // Without the first whole part, so that the digits behind it are not lost.
-                        column.origin = number.whole;
-                    }
-                    if column.is_stamp == number.is_stamp {
-                        number.whole.saturating_sub(column.origin) as f64 + number.rest
-                    } else {
-                        column.bad.get_or_insert_with(|| (line, cell.to_owned()));
-                        f64::NAN
-                    }
-                }
-                None => {
-                    if !is_missing(cell) {
-                        column.bad.get_or_insert_with(|| (line, cell.to_owned()));
-                    }
-                    f64::NAN
-                }
-            };
-            column.values.push(value);
-        }
-        self.lines.push(line);
-        true
-    }
-}
-
-/// Whether the last cell of the last row is shorter behind its decimal sign than that of any row above it, of which all have as many digits.
-/// A program that leaves out zeros at the end of a number does so in one row of ten: rows that show that this one does not are so many
-/// that they would all be the other nine with a chance below [`CHANCE`].
-fn has_fewer_digits(rows: &[(usize, Vec<String>)], first: usize) -> bool {
-    fn decimals((_, cells): &(usize, Vec<String>)) -> Option<usize> {
-        let cell = cells.last()?;
-        Some(cell.rsplit_once(['.', ',']).map_or(0, |(_, decimals)| decimals.len()))
-    }
-    let Some((last, earlier_rows)) = rows.get(first..).and_then(<[_]>::split_last) else { return false };
-    let usual = earlier_rows.first().and_then(decimals);
-    let chance = 0.9f64.powi(i32::try_from(earlier_rows.len()).unwrap_or(i32::MAX));
-    chance < CHANCE && earlier_rows.iter().all(|row| decimals(row) == usual) && decimals(last) < usual
-}
-
-/// Whether a row between the readings names columns: by the names above them in any order, or by a word in each of as many cells.
-fn are_names(cells: &[String], names: &[String]) -> bool {
-    fn is_word(cell: &str) -> bool {
-        cell.chars().any(char::is_alphabetic) && !is_missing(cell)
-    }
-    let known_count = cells.iter().filter(|cell| is_word(cell) && names.contains(cell)).count();
-    known_count >= 2
-        || cells.len() >= 3 && cells.len() == names.len() && cells.iter().all(|cell| is_word(cell))
-}
-
-/// Whether a row is a remark between the readings.
-pub(super) fn is_comment(cells: &[String]) -> bool {
-    cells.first().is_some_and(|cell| cell.starts_with(['#', '%']) && !is_missing(cell))
 }

@@ -434,6 +434,14 @@ fn a_drift_of_clocks_that_are_taken_as_one_is_noted() {
     let drifting = two_files("time [s]", |t| 1.764e9 + t, |t| 1.764e9 + 1.005 * t, &Options::default());
     let notes = drifting.expect("a run").notes;
     assert!(notes.iter().any(|note| note.contains("the ramps show a drift between them")), "{notes:?}");
+    let by_ramps = Options { by_ramps: true, ..Options::default() };
+    let stretched =
+        two_files("time [s]", |t| 1.764e9 + t, |t| 1.764e9 + 1.005 * t, &by_ramps).expect("a run");
+    assert!(
+        stretched.drift.is_some_and(|drift| (drift.rate + 5e-3).abs() < 4.0 * drift.sd),
+        "{:?}",
+        stretched.drift
+    );
     let merge = Options { merge_on: Some("t [s]".to_owned()), ..Options::default() };
     let notes_of_one = two_files("t [s]", |t| t, |t| t, &merge).expect("a run").notes;
     assert!(!notes_of_one.iter().any(|note| note.contains("drift")), "{notes_of_one:?}");

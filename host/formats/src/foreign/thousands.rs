@@ -3,7 +3,7 @@
 //! `1,003` is a number about one or one about a thousand; the column decides which.
 
 /// Signs that part thousands and nothing else: apostrophes and blanks, of which some do not break.
-const PARTING: [char; 5] = ['\'', '\u{2019}', '\u{a0}', '\u{202f}', ' '];
+const PARTING: [char; 7] = ['\'', '\u{2019}', '\u{a0}', '\u{202f}', '\u{2007}', '\u{2009}', ' '];
 /// Stands for a decimal sign where there is none.
 const NO_SIGN: char = '\0';
 /// Different whole numbers below a thousand that a column of thousands has, so that its commas are no decimal ones.
@@ -110,6 +110,7 @@ mod tests {
             (["998,1", "1.003,5", "-1.200", "0,5"], true, ["998,1", "1003,5", "-1200", "0,5"]),
             (["998.1", "1'003.5", "2", "12'000"], false, ["998.1", "1003.5", "2", "12000"]),
             (["998,1", "1\u{a0}003,5", "2", "3"], true, ["998,1", "1003,5", "2", "3"]),
+            (["998,1", "1\u{2009}003,5", "2", "3"], true, ["998,1", "1003,5", "2", "3"]),
             // Whole numbers, and thousands behind them.
             (["12", "655", "999", "1,203"], true, ["12", "655", "999", "1203"]),
             (["12", "655", "999", "1.203"], false, ["12", "655", "999", "1203"]),

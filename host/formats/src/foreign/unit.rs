@@ -89,6 +89,24 @@ impl Unit {
         Some(Self { name: name.to_owned(), quantity, to_si: sign * to_si })
     }
 
+    /// Reads one, or a multiple of one: `0.5 N` for a count of half a newton, `1/100 mm`, `-1e-3 N`.
+    pub fn multiple(text: &str) -> Option<Self> {
+        let name = text.trim();
+        if let Some(unit) = Self::parse(name) {
+            return Some(unit);
+        }
+        let (sign, plain) = match name.strip_prefix('-') {
+            Some(rest) => (-1.0, rest),
+            None => (1.0, name),
+        };
+        plain.char_indices().find_map(|(place, _)| {
+            let (number, unit) = plain.split_at(place);
+            let factor = factor(number.trim().trim_end_matches(['*', '×', '·']).trim_end())?;
+            let unit = Self::parse(unit).filter(|_| !unit.trim_start().starts_with('-'))?;
+            Some(Self { name: name.to_owned(), quantity: unit.quantity, to_si: sign * factor * unit.to_si })
+        })
+    }
+
     /// The SI unit of a quantity.
     pub fn si(quantity: Quantity) -> Self {
         let name = match quantity {
@@ -101,7 +119,27 @@ impl Unit {
     }
 }
 
+/// A number above zero: `0.01`, `1e-3`, `10^-3`, `1/100`.
+fn factor(text: &str) -> Option<f64> {
+    let number = match (text.split_once('/'), text.split_once('^')) {
+        (Some((part, whole)), _) => part.parse::<f64>().ok()? / whole.parse::<f64>().ok()?,
+        (None, Some((base, exponent))) => base.parse::<f64>().ok()?.powf(exponent.parse().ok()?),
+        (None, None) => text.parse().ok()?,
+    };
+    (number.is_finite() && number > 0.0).then_some(number)
+}
+
 impl Quantity {
+    /// A multiple of one of its units, for messages.
+    pub(super) fn multiple(self) -> &'static str {
+        match self {
+            Self::Time => "0.5 ms",
+            Self::Length => "0.01 mm",
+            Self::Force => "0.5 N",
+            Self::Angle => "0.1 deg",
+        }
+    }
+
     /// Some units of it, for messages.
     pub fn examples(self) -> &'static str {
         match self {
@@ -181,6 +219,22 @@ mod tests {
             }
         }
         assert_eq!(Unit::parse("-N").map(|unit| unit.to_si), Some(-1.0));
+        for (text, to_si) in [
+            ("0.5 N", 0.5),
+            ("0.5N", 0.5),
+            ("1e-3 N", 1e-3),
+            ("-2.5 mN", -2.5e-3),
+            ("10^-3*N", 1e-3),
+            ("1/100 mm", 1e-5),
+            ("25 g", 25.0 * 9.806_65e-3),
+            ("mN", 1e-3),
+        ] {
+            let found = Unit::multiple(text).map(|unit| unit.to_si);
+            assert!(found.is_some_and(|found| (found / to_si - 1.0).abs() < 1e-12), "{text}: {found:?}");
+        }
+        for text in ["", "0 N", "0.5", "0.5 V", "1/0 N", "nan N", "0.5 -N", "--N", "5 5 N"] {
+            assert_eq!(Unit::multiple(text), None, "{text}");
+        }
         assert_eq!(Unit::parse("V"), None);
     }
 }

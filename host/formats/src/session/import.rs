@@ -16,6 +16,7 @@ mod trajcontrol;
 
 pub use frame::{Axis, Frame, FrameError, NeedlePoints, Straight, id_of, name_of};
 pub use poses::{LengthUnit, poses};
+pub(crate) use screen::{Reading, count, screen_positions};
 pub use screen::{SkipReason, Skipped};
 pub use slicer::slicer;
 pub use trajcontrol::{Recording, trajcontrol};

@@ -1,7 +1,9 @@
 //! Values of options about frames.
 
-use super::Matrix;
 use imaging::frame::{Orientation, Region};
+
+/// A homogeneous transform.
+pub(super) type Matrix = Box<[f64; 16]>;
 
 /// So many numbers, separated by commas or blanks.
 pub fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {

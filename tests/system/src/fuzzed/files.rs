@@ -7,7 +7,7 @@ use control::calibration::Calibration;
 use device::link::Program;
 use device::sweep::Sweep;
 use formats::calibration_file;
-use formats::foreign::{Choice, Grid, Mapping, Options, RawTable, Taken, ZOrigin, take};
+use formats::foreign::{Choice, Grid, Mapping, Options, RawTable, Taken, ZOrigin, Zero, take};
 use formats::model_file::ModelFile;
 use formats::session::Setup;
 use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, poses, slicer, trajcontrol};
@@ -77,14 +77,37 @@ fn tables(tables: Option<Vec<RawTable>>) {
     for table in &tables {
         assert!(table.columns.iter().all(|column| column.values.len() == table.lines.len()));
     }
-    let by_place = ["#1=time_s:s", "#2=force_y_n:mN", "#3=displacement_y_mm:um"];
-    let by_place = by_place.iter().filter_map(|text| Choice::parse(text).ok()).collect();
-    for mapping in [Mapping::default(), Mapping { choices: by_place }] {
-        let options = Options { z_from: Some(ZOrigin::Surface), entry_m: 0.07, ..Options::default() };
-        let Ok(Taken { force: Some(force), .. }) = take(&tables, &mapping, &options) else { continue };
+    fn by_place(maps: &[&str]) -> Mapping {
+        Mapping { choices: maps.iter().filter_map(|text| Choice::parse(text).ok()).collect() }
+    }
+    const PUSH: [&str; 5] =
+        ["#1=time_s:s", "#2=force_y_n:mN", "#3=displacement_y_mm:um", "#4=z_mm:mm", "#5=deflection_y_mm:mm"];
+    let insertion = by_place(&["#1=depth_mm:mm", "#2=tip_y_mm:-0.1 mm", "#3=tip_x_mm:mm"]);
+    for mapping in [Mapping::default(), by_place(&PUSH[..3]), by_place(&PUSH), insertion] {
+        for zero in [Zero::Auto, Zero::First] {
+            let z_from = Some(ZOrigin::Surface);
+            let options = Options { z_from, zero, entry_m: 0.07, guide2_m: 0.06, ..Options::default() };
+            if let Ok(taken) = take(&tables, &mapping, &options) {
+                check(&taken);
+            }
+        }
+    }
+}
+
+/// What is taken consists of numbers, as many in every column, at times that go on.
+fn check(taken: &Taken) {
+    if let Some(force) = &taken.force {
         assert!(force.time_s.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", force.time_s);
         let finite_values = force.time_s.iter().chain(&force.displacement_y_m).chain(&force.force_y_n);
         assert!(finite_values.clone().all(|value| value.is_finite()), "{force:?}");
+    }
+    if let Some(shape) = &taken.shape {
+        assert_eq!(shape.z_m.len(), shape.y_m.len());
+        assert!(shape.z_m.iter().chain(&shape.y_m).all(|value| value.is_finite()), "{shape:?}");
+    }
+    if let Some(run) = &taken.insertion {
+        assert_eq!(run.depth_m.len(), run.tip_y_m.len());
+        assert!(run.depth_m.iter().chain(&run.tip_y_m).all(|value| value.is_finite()), "{run:?}");
     }
 }
 

@@ -3,6 +3,7 @@
 use super::super::TableError;
 use super::super::mapping::{Choice, is_time};
 use super::super::raw::{RawColumn, RawTable};
+use super::super::stated_unit::UnitDoubt;
 use super::super::unit::{Quantity, Unit};
 use super::{Options, Part, coarse, counter};
 
@@ -78,6 +79,10 @@ pub(super) fn unit(
             &format!("no unit is stated, and rows are {usual:.3e} apart"),
             &expected,
         ));
+    }
+    if let Some(doubt) = column.unit_doubt.as_ref().filter(|doubt| !matches!(doubt, UnitDoubt::Unknown(_))) {
+        let expected = format!("--map '{}=time_s:UNIT' with {}", choice.column, Quantity::Time.examples());
+        return Err(super::map_fault(choice, &doubt.to_string(), &expected));
     }
     notes.push(format!(
         "{}: \"{}\" states no unit, and is taken as seconds",

@@ -8,7 +8,7 @@ use super::super::summary::LEAST_RUN;
 use super::clock::{self, Timed};
 use super::missing::nothing;
 use super::rows::{self, shape};
-use super::{Options, Part, Series, Taken, series, zero};
+use super::{Options, Part, Series, Taken, series, straight, zero};
 use crate::session::ForceSeries;
 
 /// Force and displacement on the clock of the force, with the shape.
@@ -38,8 +38,8 @@ pub(super) fn lateral(
     let origin_s = base.zip(timed.get(moved_at)).map_or(0.0, |(base, other)| other.origin_shift_s(base));
     let moved_clock = match (options.offset_s, shift_s(moved_at)) {
         (Some(offset_s), _) if moved_at != force_at => Clock::shift(origin_s + offset_s),
-        (_, Some(shift_s)) => Clock::shift(shift_s),
-        (_, None) => {
+        (_, Some(shift_s)) if !options.by_ramps || moved_at == force_at => Clock::shift(shift_s),
+        _ => {
             let on_one_origin = moved.clone().shifted(origin_s);
             let offset = estimate(&force, &on_one_origin)?;
             taken.notes.push(format!(
@@ -112,13 +112,14 @@ pub(super) fn lateral(
     fn column(at: usize, rows: &[(f64, [f64; 4])]) -> Vec<f64> {
         rows.iter().map(|(_, values)| values[at]).collect()
     }
+    let stride = (moved.period_s() / force.period_s()).round().max(1.0) as usize;
     let (mut y_m, mut x_m) = (column(1, &rows), moved_x.is_some().then(|| column(3, &rows)));
     for (name, values) in
         [Some(("displacement_y_mm", &mut y_m)), x_m.as_mut().map(|x_m| ("displacement_x_mm", x_m))]
             .into_iter()
             .flatten()
     {
-        zero::refer_to_zero(name, values, &column(0, &rows), options.zero, &mut taken.notes);
+        zero::refer_to_zero(name, values, &column(0, &rows), (options.zero, stride), &mut taken.notes);
     }
     series::check_range("displacement_y_mm", &y_m, 0.05)?;
     series::check_range("force_y_n", &column(0, &rows), 200.0)?;
@@ -137,7 +138,9 @@ pub(super) fn lateral(
     })?;
     let end_s = rows.last().map_or(0.0, |(time_s, _)| time_s - origin_s);
     rows::check_times(taken.shape.as_ref(), end_s)?;
-    if taken.shape.is_none() {
+    if let Some((shape, force)) = taken.shape.as_mut().zip(taken.force.as_ref()) {
+        straight::refer_shape(shape, force, options, &mut taken.notes)?;
+    } else {
         taken.notes.push(
             "there is no shape of the needle (z_mm and deflection_y_mm, of a further table or by guide import slicer, fbg or ultrasound with --force): the run has no modulus without one"
                 .to_owned(),
@@ -156,7 +159,8 @@ fn check_merge(
     let [Some(of_force), Some(of_moved)] = tables else { return Ok(()) };
     if std::ptr::eq(of_force.table, of_moved.table) {
         let merge_on = options.merge_on.as_ref().map(|_| "--merge-on");
-        for option in merge_on.into_iter().chain(options.offset_s.map(|_| "--offset-s")) {
+        let by_ramps = options.by_ramps.then_some("--by-ramps");
+        for option in merge_on.into_iter().chain(options.offset_s.map(|_| "--offset-s")).chain(by_ramps) {
             taken.notes.push(format!(
                 "{}: {option} has no effect: force and displacement are in one table, row by row",
                 of_force.table.path.display()
@@ -214,7 +218,8 @@ fn check_clocks(
     let offset = contradicted.unwrap_or(Offset { offset_s: 0.0, sd_s: periods_s, r2: 0.0 });
     if let Some(Drift { rate, sd, .. }) = drift::estimate(force, moved, &offset) {
         taken.notes.push(format!(
-            "{path}: the clocks are taken as one, and the ramps show a drift between them: that of the displacement is {:.3} % (sd {:.3} %) {}",
+            "{path}: the clocks are taken as one, and the ramps show a drift between them: that of the displacement is {:.3} % (sd {:.3} %) {} \
+             (--by-ramps takes offset and drift of the ramps)",
             100.0 * rate.abs(),
             100.0 * sd,
             if rate < 0.0 { "fast" } else { "slow" }

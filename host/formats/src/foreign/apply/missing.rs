@@ -3,10 +3,10 @@
 use super::super::TableError;
 use super::super::mapping::{Choice, candidates};
 use super::super::raw::{RawColumn, RawTable, WordColumn};
-use super::super::unit::split_name;
+use super::super::unit::{Quantity, split_name};
 use super::{Part, map_fault, series};
 use crate::document::names::misspelt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Error for the first column of words that is meant to have numbers.
 pub(super) fn not_numbers(tables: &[RawTable], is_meant: impl Fn(&WordColumn) -> bool) -> Option<TableError> {
@@ -74,6 +74,52 @@ pub(super) fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
         ),
         expected: "force_y_n and displacement_y_mm of a lateral run, or depth_mm and tip_y_mm of an insertion: --map 'COLUMN=QUANTITY:UNIT' for each".to_owned(),
     }
+}
+
+/// Error for a shape of which either the places or the deflections are missing.
+pub(super) fn half_of_shape(parts: &[Part]) -> Option<TableError> {
+    let has = |start: &str| parts.iter().any(|part| part.target.name.starts_with(start));
+    let (there, missing) = match (has("z_mm"), has("deflection_y_mm"), has("deflection_")) {
+        (true, false, _) => ("z_mm", "deflection_y_mm"),
+        (false, _, true) => ("deflection_y_mm", "z_mm"),
+        _ => return None,
+    };
+    Some(TableError::Map {
+        choice: there.to_owned(),
+        problem: format!("without {missing}"),
+        expected: format!("both of a shape: --map 'COLUMN={missing}:UNIT' for a column of the same file"),
+    })
+}
+
+/// Error for a file of which nothing but times is taken: it was given for something. Of the tables of a bag or of MATLAB one is enough.
+pub(super) fn unused_file(tables: &[RawTable], parts: &[Part]) -> Option<TableError> {
+    fn file(path: &Path) -> PathBuf {
+        let text = path.to_string_lossy();
+        let whole = text.rsplit_once('#').map(|(file, _)| PathBuf::from(file));
+        fn has_tables(file: &Path) -> bool {
+            let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+            matches!(ending.as_deref(), Some("mcap" | "mat"))
+        }
+        whole.filter(|file| has_tables(file)).unwrap_or_else(|| path.to_owned())
+    }
+    let used: Vec<PathBuf> = parts
+        .iter()
+        .filter(|part| part.target.quantity != Quantity::Time)
+        .map(|part| file(&part.table.path))
+        .collect();
+    let table = tables.iter().find(|table| !used.contains(&file(&table.path)))?;
+    let names: Vec<String> = table
+        .columns
+        .iter()
+        .map(|column| &column.header)
+        .chain(table.words.iter().map(|column| &column.header))
+        .map(|header| format!("\"{header}\""))
+        .collect();
+    Some(TableError::File {
+        path: table.path.clone(),
+        problem: format!("nothing of it is taken, of {}", names.join(", ")),
+        expected: "--map 'COLUMN=QUANTITY:UNIT' for one of them, or the other files alone".to_owned(),
+    })
 }
 
 /// The column of a choice in each table that has it.

@@ -1,18 +1,18 @@
-//! Tables without a common clock: shapes and insertions, row by row.
+//! Shapes, row by row: they have no common clock with the force, or none at all.
 
 use super::clock::Timed;
-use super::{Options, Part, ZOrigin, Zero, series, zero};
+use super::{Options, Part, ZOrigin, series};
 use crate::foreign::TableError;
 use crate::foreign::align::Clock;
-use crate::session::{InsertionRun, ShapeSeries};
+use crate::session::ShapeSeries;
 
 /// The column for this target, where there is one.
-fn part_named<'p, 't>(parts: &'p [Part<'t>], name: &str) -> Option<&'p Part<'t>> {
+pub(super) fn part_named<'p, 't>(parts: &'p [Part<'t>], name: &str) -> Option<&'p Part<'t>> {
     parts.iter().find(|part| part.target.name == name)
 }
 
 /// The values of these rows.
-fn pick(values: &[f64], rows: &[usize]) -> Vec<f64> {
+pub(super) fn pick(values: &[f64], rows: &[usize]) -> Vec<f64> {
     rows.iter().filter_map(|row| values.get(*row).copied()).collect()
 }
 
@@ -86,68 +86,5 @@ pub(super) fn check_times(shape: Option<&ShapeSeries>, end_s: f64) -> Result<(),
         problem: format!("the shape is at {least_s:.3} to {most_s:.3} s, and the force at 0 to {end_s:.3} s"),
         expected: "a shape that was measured during the run: one clock (--merge-on COLUMN), with the same day and half of the day"
             .to_owned(),
-    })
-}
-
-/// Tip over depth.
-pub(super) fn insertion(
-    parts: &[Part],
-    timed: &[Timed],
-    zero: Zero,
-    notes: &mut Vec<String>,
-) -> Result<InsertionRun, TableError> {
-    let (Some(depth), Some(tip)) = (part_named(parts, "depth_mm"), part_named(parts, "tip_y_mm")) else {
-        return Err(TableError::Map {
-            choice: "depth_mm".to_owned(),
-            problem: "without tip_y_mm".to_owned(),
-            expected: "both for an insertion; --depth-mm is the depth of a lateral run".to_owned(),
-        });
-    };
-    let optional =
-        ["tip_x_mm", "rotation_deg", "guide2_y_mm", "guide2_x_mm"].map(|name| part_named(parts, name));
-    let columns: Vec<Option<Vec<f64>>> = [Some(depth), Some(tip)]
-        .into_iter()
-        .chain(optional)
-        .map(|part_named| {
-            part_named
-                .map(|part_named| {
-                    series::same_table(depth, part_named)?;
-                    series::values(part_named)
-                })
-                .transpose()
-        })
-        .collect::<Result<_, _>>()?;
-    let rows: Vec<usize> = (0..depth.column.values.len())
-        .filter(|row| {
-            columns.iter().flatten().all(|column| column.get(*row).is_some_and(|value| value.is_finite()))
-        })
-        .collect();
-    let picked = |at: usize| columns.get(at).and_then(Option::as_ref).map(|values| pick(values, &rows));
-    let times_s = timed
-        .iter()
-        .find(|timed| std::ptr::eq(timed.table, depth.table))
-        .and_then(|timed| timed.times_s.as_ref());
-    let times_s = times_s.map(|times_s| pick(times_s, &rows)).map(|times_s| {
-        let first_s = times_s.first().copied().unwrap_or(0.0);
-        times_s.into_iter().map(|time_s| time_s - first_s).collect()
-    });
-    let depth_m = picked(0).unwrap_or_default();
-    let (mut tip_y_m, mut tip_x_m) = (picked(1).unwrap_or_default(), picked(2));
-    let guide2 = [picked(4), picked(5)];
-    let choices = guide2.each_ref().map(|guide2_m| (zero, zero::is_displaced(guide2_m.as_deref())));
-    zero::refer_tip("tip_y_mm", &depth_m, &mut tip_y_m, choices[0], notes);
-    if let Some(tip_x_m) = &mut tip_x_m {
-        zero::refer_tip("tip_x_mm", &depth_m, tip_x_m, choices[1], notes);
-    }
-    Ok(InsertionRun {
-        depth_m,
-        tip_y_m,
-        tip_x_m,
-        rotation_rad: picked(3),
-        guide2_y_m: picked(4),
-        guide2_x_m: picked(5),
-        time_s: times_s,
-        path: depth.table.path.clone(),
-        ..InsertionRun::default()
     })
 }

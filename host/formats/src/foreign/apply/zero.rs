@@ -18,7 +18,7 @@ use super::Zero;
 use super::series::median;
 
 /// Number of readings at the beginning that are those of a guide at rest: all where it never moves.
-fn rest(values: &[f64]) -> usize {
+pub(super) fn rest(values: &[f64]) -> usize {
     let most_inverse = 2.0 * values.len() as f64 / CHANCE;
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
     for (before, value) in values.iter().enumerate() {
@@ -42,7 +42,7 @@ fn rest(values: &[f64]) -> usize {
 }
 
 /// Differences of neighbours without their signs, of which the middle one is that of readings at rest.
-fn usual_step(values: &[f64]) -> f64 {
+pub(super) fn usual_step(values: &[f64]) -> f64 {
     median(values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect())
 }
 
@@ -95,23 +95,28 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn range(values: &[f64]) -> [f64; 2] {
+pub(super) fn range(values: &[f64]) -> [f64; 2] {
     values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], value| {
         [least.min(*value), most.max(*value)]
     })
 }
 
-/// Counts a displacement from where the run begins, where that is its zero.
+/// Counts a displacement from where the run begins, where that is its zero. Of `stride` rows one is a reading, and the others are
+/// between readings: their differences are no measure of the readings' own.
 pub(super) fn refer_to_zero(
     name: &str,
     values_m: &mut [f64],
     force_n: &[f64],
-    zero: Zero,
+    (zero, stride): (Zero, usize),
     notes: &mut Vec<String>,
 ) {
-    let begin_m = median(values_m.iter().take(rest(values_m)).copied().collect());
+    let readings_m: Vec<f64> = values_m.iter().step_by(stride).copied().collect();
+    let begin_m = median(readings_m.iter().take(rest(&readings_m)).copied().collect());
     let decision = match zero {
-        Zero::Auto => decide(values_m, force_n, begin_m),
+        Zero::Auto => {
+            let force_n: Vec<f64> = force_n.iter().step_by(stride).copied().collect();
+            decide(&readings_m, &force_n, begin_m)
+        }
         Zero::First => Decision::Begin("is counted from where it begins".to_owned()),
         Zero::Written => Decision::AsWritten,
     };
@@ -208,7 +213,7 @@ mod tests {
                 })
                 .collect();
             let mut notes = Vec::new();
-            refer_to_zero("y", &mut values, &[0.0; 100], Zero::Auto, &mut notes);
+            refer_to_zero("y", &mut values, &[0.0; 100], (Zero::Auto, 1), &mut notes);
             (notes.len(), values[0])
         }
         assert_eq!(zeroed(0.0, 0.0).0, 0);
@@ -240,7 +245,7 @@ mod tests {
         let mut values: Vec<f64> =
             positions_m.iter().map(|y_m| (y_m / digits_m).round() * digits_m).collect();
         let mut notes = Vec::new();
-        refer_to_zero("y", &mut values, &force, Zero::Auto, &mut notes);
+        refer_to_zero("y", &mut values, &force, (Zero::Auto, 1), &mut notes);
         ([values[0], values[values.len() - 1]].map(|m| 1e3 * m), notes)
     }
 

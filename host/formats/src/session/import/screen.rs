@@ -1,5 +1,6 @@
 //! Rows of a recording that are readings of a needle that goes in: each row that is not is skipped for a stated reason.
 
+use super::super::InsertionRun;
 use serde::Serialize;
 use std::fmt;
 
@@ -66,7 +67,7 @@ const GUIDE_STILL_M: f64 = 0.05e-3;
 
 /// The part of a recording's row that is screened.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Reading {
+pub(crate) struct Reading {
     /// Depth, and tip position in both planes, m.
     pub tip_m: [f64; 3],
     /// Slopes of the needle at the tip, or other output of the tip sensor; compared bit for bit.
@@ -103,8 +104,16 @@ pub(super) fn screen(readings: &[Reading], is_valid: impl Fn(usize) -> bool) -> 
     reasons
 }
 
+/// Per row the reason for which a position is none of a needle that goes in, if any: of sensors that mark readings that are missing otherwise.
+pub(crate) fn screen_positions(readings: &[Reading]) -> Vec<Option<SkipReason>> {
+    let mut reasons = vec![None; readings.len()];
+    jumps(readings, &mut reasons);
+    withdrawn(readings, &mut reasons);
+    reasons
+}
+
 /// Rows that were skipped, by reason, in the order of their first rows.
-pub(super) fn count(reasons: &[Option<SkipReason>]) -> Vec<Skipped> {
+pub(crate) fn count(reasons: &[Option<SkipReason>]) -> Vec<Skipped> {
     let mut counts: Vec<Skipped> = Vec::new();
     for (row, reason) in reasons.iter().enumerate().filter_map(|(row, reason)| Some((row, (*reason)?))) {
         match counts.iter_mut().find(|skipped| skipped.reason == reason) {
@@ -113,6 +122,30 @@ pub(super) fn count(reasons: &[Option<SkipReason>]) -> Vec<Skipped> {
         }
     }
     counts
+}
+
+impl InsertionRun {
+    /// The same with some of its rows.
+    pub(crate) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let kept_values = |values: &Vec<f64>| -> Vec<f64> {
+            values.iter().enumerate().filter(|(row, _)| keep(*row)).map(|(_, value)| *value).collect()
+        };
+        let column = |values: &Option<Vec<f64>>| values.as_ref().map(kept_values);
+        Self {
+            id: self.id.clone(),
+            path: self.path.clone(),
+            depth_m: kept_values(&self.depth_m),
+            tip_y_m: kept_values(&self.tip_y_m),
+            tip_x_m: column(&self.tip_x_m),
+            time_s: column(&self.time_s),
+            rotation_rad: column(&self.rotation_rad),
+            guide2_y_m: column(&self.guide2_y_m),
+            guide2_x_m: column(&self.guide2_x_m),
+            base_force_y_n: column(&self.base_force_y_n),
+            tip_direction_y_rad: column(&self.tip_direction_y_rad),
+            tip_direction_x_rad: column(&self.tip_direction_x_rad),
+        }
+    }
 }
 
 /// Rows that are kept so far.

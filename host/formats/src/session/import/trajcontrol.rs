@@ -173,30 +173,6 @@ impl Recording {
     }
 }
 
-impl InsertionRun {
-    /// The same with some of its rows.
-    fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
-        let kept_values = |values: &Vec<f64>| -> Vec<f64> {
-            values.iter().enumerate().filter(|(row, _)| keep(*row)).map(|(_, value)| *value).collect()
-        };
-        let column = |values: &Option<Vec<f64>>| values.as_ref().map(kept_values);
-        Self {
-            id: self.id.clone(),
-            path: self.path.clone(),
-            depth_m: kept_values(&self.depth_m),
-            tip_y_m: kept_values(&self.tip_y_m),
-            tip_x_m: column(&self.tip_x_m),
-            time_s: column(&self.time_s),
-            rotation_rad: column(&self.rotation_rad),
-            guide2_y_m: column(&self.guide2_y_m),
-            guide2_x_m: column(&self.guide2_x_m),
-            base_force_y_n: column(&self.base_force_y_n),
-            tip_direction_y_rad: column(&self.tip_direction_y_rad),
-            tip_direction_x_rad: column(&self.tip_direction_x_rad),
-        }
-    }
-}
-
 /// Position at which a row below the header begins.
 fn row_place(path: &Path, text: &str, row: usize) -> Place {
     let line = text
