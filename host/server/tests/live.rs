@@ -171,8 +171,10 @@ impl Tab {
 #[test]
 fn every_page_says_that_the_force_no_longer_follows_the_model() {
     let served = served();
-    for mut tab in [served.page(), served.page()] {
-        let update = tab.until(false, |update| update["device"]["parted"].is_array());
+    // The device sends samples of what it is made to do.
+    let mover = served.moving();
+    for mut tab in [mover, served.page()] {
+        let update = tab.until(true, |update| update["device"]["parted"].is_array());
         let words = "the force along y no longer follows the model since 12:03:11 UTC";
         assert_eq!(update["device"]["parted"], json!([words]));
     }
