@@ -1,11 +1,10 @@
 //! Readings beside what a model predicts of them, before it knew them and after.
 
-use super::{FONT, FigureError, WIDTH, axes, failed, legend, range};
+use super::{FONT, FigureError, GREY, WIDTH, axes, failed, legend, range};
 use inference::draws::{Draws, Group};
 use plotters::prelude::*;
 use std::ops::Range;
 
-const PRIOR: RGBColor = RGBColor(150, 150, 150);
 const POSTERIOR: RGBColor = RGBColor(30, 90, 180);
 /// Panels beside each other, at most so many in all, and the height of each, pixels.
 const COLUMNS: usize = 2;
@@ -47,7 +46,7 @@ pub fn predictive(draws: &Draws) -> Result<Option<String>, FigureError> {
             let forces = panel.forces();
             let mut chart = axes(&titled, times, forces.clone(), "force, N", "time, s")?;
             let bands = [
-                ("predicted before the data (95 %)", &panel.prior, PRIOR.mix(0.3)),
+                ("predicted before the data (95 %)", &panel.prior, GREY.mix(0.3)),
                 ("predicted with the data (95 %)", &panel.posterior, POSTERIOR.mix(0.35)),
             ];
             for (label, band, colour) in bands {
