@@ -101,10 +101,13 @@ fn count_from(shape: &mut ShapeSeries, at_rest: &[usize]) -> Result<(), TableErr
     };
     without_straight(&mut shape.y_m)?;
     shape.x_m.as_mut().map_or(Ok(()), &mut without_straight)?;
-    let pick = |values: &[f64]| kept.iter().filter_map(|row| values.get(*row).copied()).collect();
-    shape.z_m = pick(&z_m);
-    shape.time_s = shape.time_s.as_deref().map(pick);
+    shape.z_m = at_rows(&z_m, &kept);
+    shape.time_s = shape.time_s.as_deref().map(|times_s| at_rows(times_s, &kept));
     Ok(())
+}
+
+fn at_rows(values: &[f64], rows: &[usize]) -> Vec<f64> {
+    rows.iter().filter_map(|row| values.get(*row).copied()).collect()
 }
 
 /// A point that the straight needle was not measured at.
