@@ -264,7 +264,7 @@ pub fn fault_text(fault: Fault) -> FaultText {
             "check the force sensor's cable, the converter and its clock",
         ),
         Fault::HostSilent => {
-            ("nothing was received from the host while a program ran", "check the cable and the host")
+            ("no command was accepted from the host that started the program", "check the cable and the host")
         }
         Fault::Restarted => {
             ("the device restarted by itself", "see the reset reason and the last panic, check the supply")
