@@ -54,35 +54,6 @@ fn a_named_effect_is_drawn_as_its_interval_states() {
     }
 }
 
-/// Before the data a reading may be nearly anything: its spread is that of the modulus, and its draws belong to those of the prior.
-#[test]
-fn predictions_before_the_data_follow_the_priors() {
-    let session = worlds::session(&truth(Vec::new()), &Design::four_runs(), 5);
-    let (start, _) = crate::found_in(&session);
-    let mut draws = Draws::new(DrawOptions { chains: 1, draws: 400, seed: 2 }, "test");
-    let readings = Readings { runs: &start.runs, patterns: &start.patterns };
-    readings.add_prior(&start.fitted, "modulus_kpa", &mut draws).expect("solutions");
-    let moduli = draws.values(Group::Prior, "modulus_kpa").expect("moduli");
-    // Stiffer tissue resists more at the largest displacement of any run.
-    let forces = draws.variables(Group::PriorPredictive).filter(|name| name.contains("force_y"));
-    let places = forces.flat_map(|name| {
-        let count = draws.values(Group::PriorPredictive, name).map_or(0, <[f64]>::len) / moduli.len();
-        (0..count).filter_map(|place| draws.at(Group::PriorPredictive, name, place))
-    });
-    let largest = places.max_by(|a, b| mean_of(a).abs().total_cmp(&mean_of(b).abs())).expect("a reading");
-    let of_soft =
-        moduli.iter().zip(&largest).filter(|(modulus, _)| **modulus < 5.0).map(|(_, force)| force.abs());
-    let of_stiff =
-        moduli.iter().zip(&largest).filter(|(modulus, _)| **modulus > 20.0).map(|(_, force)| force.abs());
-    let [soft, stiff]: [Vec<f64>; 2] = [of_soft.collect(), of_stiff.collect()];
-    assert!(soft.len() > 20 && stiff.len() > 20, "{} {}", soft.len(), stiff.len());
-    assert!(mean_of(&stiff) > 1.5 * mean_of(&soft), "{} {}", mean_of(&stiff), mean_of(&soft));
-}
-
-fn mean_of(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
 /// Densities of readings that discrepancy makes depend on each other, against dense matrices.
 #[test]
 fn densities_of_readings_given_all_others_are_those_of_dense_matrices() {
