@@ -6,7 +6,7 @@ use super::import_shapes::ShapeArgs;
 use super::output::Output;
 use anyhow::{Context, ensure};
 use device::words::join;
-use echo::{Echo, Imported, Run};
+use echo::{Imported, ImportedRun, TakenTable};
 use formats::foreign::{
     Choice, ENDINGS, Mapping, Options, RawTable, TableError, Taken, ZOrigin, Zero, of_other_format, take,
 };
@@ -138,18 +138,19 @@ pub fn run(
         "--id: has no meaning for {} runs, expected it for one: their names are those of the files",
         groups.len()
     );
-    let mut imported_runs: Vec<(Run, Taken)> = Vec::new();
+    let mut imported_runs: Vec<(ImportedRun, Taken)> = Vec::new();
     for group in &groups {
         let columns_used = taken(group, &mapping, &options)
             .map_err(|error| with_missing_depth(error, &mapping, shapes.depth_mm))?;
         let first = group.first().context("PATH: no file, expected one or more")?;
         let id = shapes.id.clone().unwrap_or_else(|| id_of(first));
-        imported_runs.push((Run::new(id, &columns_used, shapes.depth_mm, setup.rig.entry_m)?, columns_used));
+        imported_runs
+            .push((ImportedRun::new(id, &columns_used, shapes.depth_mm, setup.rig.entry_m)?, columns_used));
     }
     let chosen = imported_runs.first().map(|(_, taken)| taken.mapping.clone()).unwrap_or_default();
     let again = again(paths, shapes, args, &chosen, to, rig);
     for (run, _) in &imported_runs {
-        out.note(format_args!("{}", Echo(run)));
+        out.note(format_args!("{}", TakenTable(run)));
     }
     out.note(format_args!("again: {again}"));
     if !args.yes {
@@ -234,7 +235,7 @@ fn with_missing_depth(error: anyhow::Error, mapping: &Mapping, depth_mm: Option<
 const MISSING_DEPTH: &str = "--depth-mm: missing, expected the length of the needle in the tissue (0 in air)";
 
 /// Writes a run into the session.
-fn write(session: &mut SessionWriter, run: &Run, taken: &Taken) -> anyhow::Result<()> {
+fn write(session: &mut SessionWriter, run: &ImportedRun, taken: &Taken) -> anyhow::Result<()> {
     match (&taken.force, &taken.insertion) {
         (Some(force), _) => {
             let depth_m = 1e-3 * run.depth_mm.unwrap_or(0.0);

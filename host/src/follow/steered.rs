@@ -1,6 +1,6 @@
 //! A steered insertion against the controller's own posterior: force at guide 2 and tip.
 
-use inference::follow::{Compared, Comparer, Parted};
+use inference::follow::{Comparer, Parted, ReadingDifference};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use steering::{ComparedChannel, Comparison};
@@ -34,7 +34,7 @@ impl SteeredFollower {
             ComparedChannel::ForceFromStop => &mut self.force_from_stop,
             ComparedChannel::Tip => &mut self.tip,
         };
-        let departures = comparer.push(Compared {
+        let departures = comparer.push(ReadingDifference {
             time_s: t_s,
             displacement_mm: guide_mm,
             depth_mm,

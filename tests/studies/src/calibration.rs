@@ -37,7 +37,7 @@ pub struct Band {
 
 /// A place where a distribution function leaves its band.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Departure {
+pub struct BandExit {
     /// Place, 0 to 1.
     pub at: f64,
     /// Share of values below it, less the place.
@@ -73,13 +73,13 @@ impl Band {
     }
 
     /// The place where values leave the band by most; nothing where they stay inside.
-    pub fn departure(&self, values: &[f64]) -> Option<Departure> {
+    pub fn departure(&self, values: &[f64]) -> Option<BandExit> {
         let shares = shares_below(values, &self.at);
         let rounding = 1e-9;
         let outside = shares.iter().zip(&self.at).zip(self.low.iter().zip(&self.high)).filter_map(
             |((share, at), (low, high))| {
                 let beyond = (low - share).max(share - high);
-                (beyond > rounding).then_some((beyond, Departure { at: *at, by: share - at }))
+                (beyond > rounding).then_some((beyond, BandExit { at: *at, by: share - at }))
             },
         );
         outside.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, departure)| departure)

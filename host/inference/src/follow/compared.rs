@@ -12,7 +12,7 @@ const MEDIAN_OVER_MEAN: f64 = 1.2534;
 
 /// Difference of a reading and what a model expects of it, along x and y.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Compared {
+pub struct ReadingDifference {
     /// Clock of the readings, seconds.
     pub time_s: f64,
     /// Displacement of guide 2, millimetres.
@@ -35,8 +35,8 @@ pub struct Comparer {
     least: usize,
     /// Makes a mean a difference of the channel.
     difference: fn(f64) -> Difference,
-    open: Vec<Compared>,
-    steps: Vec<Compared>,
+    open: Vec<ReadingDifference>,
+    steps: Vec<ReadingDifference>,
     detectors: [Detector; 2],
     parted: Vec<Parted>,
 }
@@ -60,7 +60,7 @@ impl Comparer {
     }
 
     /// Takes in a reading; what was found with it, each axis once.
-    pub fn push(&mut self, compared: Compared) -> Vec<Parted> {
+    pub fn push(&mut self, compared: ReadingDifference) -> Vec<Parted> {
         self.open.push(compared);
         let ended_s = self.steps.last().map_or(f64::NEG_INFINITY, |step| step.time_s);
         // Half a millisecond early is better than a whole reading late.
@@ -84,8 +84,9 @@ impl Comparer {
         let Some(last) = readings.last() else { return Vec::new() };
         let count = readings.len() as f64;
         let of_median = if readings.len() > 2 { MEDIAN_OVER_MEAN } else { 1.0 };
-        let each = |value: &dyn Fn(&Compared) -> f64| readings.iter().map(value).collect::<Vec<f64>>();
-        let step = Compared {
+        let each =
+            |value: &dyn Fn(&ReadingDifference) -> f64| readings.iter().map(value).collect::<Vec<f64>>();
+        let step = ReadingDifference {
             difference: [0, 1].map(|axis: usize| median(each(&|one| one.difference[axis]))),
             possible: [0, 1]
                 .map(|axis: usize| each(&|one| one.possible[axis]).into_iter().fold(0.0, f64::max)),
@@ -136,7 +137,7 @@ mod tests {
         let mut departures = Vec::new();
         for number in 0..(until_s / 0.1) as usize {
             let time_s = 0.1 * number as f64;
-            let compared = Compared {
+            let compared = ReadingDifference {
                 time_s,
                 displacement_mm: [0.0, 1.0],
                 depth_mm: 4.0 * time_s,
@@ -177,7 +178,7 @@ mod tests {
         let (mut comparer, mut random) = (Comparer::of_force(), Random::new(3, 0));
         for number in 0..20_000 {
             let difference = if number % 500 == 0 { f64::NAN } else { NOISE * random.normal() };
-            let compared = Compared {
+            let compared = ReadingDifference {
                 time_s: 0.02 * f64::from(number),
                 displacement_mm: [0.0; 2],
                 depth_mm: 10.0,

@@ -4,7 +4,7 @@
 //! zero; nothing is said before. The possible error of the model is not counted: the interval of its modulus, what
 //! every rig leaves behind any model, and friction that the model does not have.
 
-use super::{AXES, Difference, FALSE_ALARMS_PER_HOUR, GuideReading, Parted, STEP_S, SURE_DEVIATIONS, norm};
+use super::{AXES, Difference, FALSE_ALARMS_PER_HOUR, GuideReading, Parted, STEP_S, SURE_SD, norm};
 use formats::model_file::ModelFile;
 use mechanics::effects::effect;
 use mechanics::unknowns::discrepancy::lateral as everyday;
@@ -96,10 +96,10 @@ impl Follower {
             everyday::FORCE_HYSTERESIS,
             everyday::FORCE_CREEP,
         ];
-        let relative = of_modulus + SURE_DEVIATIONS * norm(&usual.map(|unknown| unknown.typical_sd()));
+        let relative = of_modulus + SURE_SD * norm(&usual.map(|unknown| unknown.typical_sd()));
         let usual_n =
             [everyday::FORCE_OF_HOLD, everyday::FORCE_ON_THE_WAY, everyday::FORCE_DRIFT, FORCE_ZERO];
-        let absolute_n = SURE_DEVIATIONS * norm(&usual_n.map(|unknown| unknown.typical_sd()));
+        let absolute_n = SURE_SD * norm(&usual_n.map(|unknown| unknown.typical_sd()));
         let effects: Vec<_> =
             model.effects().into_iter().filter(|(effect, _)| effect.info().observable_in.lateral).collect();
         let has_friction = effects.iter().any(|(effect, _)| effect.id() == "rig.friction");

@@ -6,7 +6,7 @@
 mod compared;
 mod lateral;
 
-pub use compared::{Compared, Comparer};
+pub use compared::{Comparer, ReadingDifference};
 pub use lateral::{Discernible, FollowError, Follower};
 
 use serde::Serialize;
@@ -17,7 +17,7 @@ pub const STEP_S: f64 = 0.1;
 /// False alarms an hour in the mean, at most: one in six weeks of measuring.
 pub const FALSE_ALARMS_PER_HOUR: f64 = 1e-3;
 /// Largest excess over a usual value, in standard deviations.
-const SURE_DEVIATIONS: f64 = 3.0;
+const SURE_SD: f64 = 3.0;
 /// Axes as programs and results name them, in the order of the device.
 const AXES: [&str; 2] = ["x", "y"];
 

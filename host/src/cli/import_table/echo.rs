@@ -14,13 +14,13 @@ use std::path::PathBuf;
 pub struct Imported {
     pub schema: &'static str,
     pub session: PathBuf,
-    pub runs: Vec<Run>,
+    pub runs: Vec<ImportedRun>,
     /// The command line that does the same.
     pub again: String,
 }
 
 #[derive(Serialize)]
-pub struct Run {
+pub struct ImportedRun {
     pub id: String,
     kind: &'static str,
     rows: usize,
@@ -37,7 +37,7 @@ pub struct Run {
     notes: Vec<String>,
 }
 
-impl Run {
+impl ImportedRun {
     pub fn new(id: String, taken: &Taken, depth_mm: Option<f64>, entry_m: f64) -> anyhow::Result<Self> {
         let (kind, rows) = match (&taken.force, &taken.insertion) {
             (Some(force), _) => ("lateral", force.time_s.len()),
@@ -104,11 +104,11 @@ fn note_of_places(taken: &Taken, depth_mm: Option<f64>, entry_m: f64) -> Option<
 }
 
 /// Quantities that columns were taken for.
-pub struct Echo<'a>(pub &'a Run);
+pub struct TakenTable<'a>(pub &'a ImportedRun);
 
-impl Display for Echo<'_> {
+impl Display for TakenTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Run { id, columns, others, files, notes, .. } = self.0;
+        let ImportedRun { id, columns, others, files, notes, .. } = self.0;
         write!(f, "{id}: what is taken for what")?;
         let (is, unit) = (
             column_width(&|c| c.is.len(), 8, columns),
@@ -140,7 +140,7 @@ impl Display for Echo<'_> {
     }
 }
 
-impl Run {
+impl ImportedRun {
     /// How the displacement's clock is brought to that of the force, where that was estimated.
     fn clock(&self) -> Option<String> {
         let (offset_s, sd_s) = self.offset_s.zip(self.offset_sd_s)?;
@@ -163,7 +163,7 @@ fn column_width(of: &dyn Fn(&TakenColumn) -> usize, least: usize, columns: &[Tak
 
 impl Display for Imported {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Run { id, kind, rows, shape_points, depth_mm, .. } in &self.runs {
+        for ImportedRun { id, kind, rows, shape_points, depth_mm, .. } in &self.runs {
             let depth = depth_mm.map_or_else(String::new, |mm| format!(", {mm:.1} mm deep"));
             let shape = match (*kind, shape_points) {
                 ("lateral", 0) => ", without a shape".to_owned(),

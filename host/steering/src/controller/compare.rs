@@ -22,7 +22,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// By so many standard deviations an expectation may be off. It is made anew at each stop: 900 stops an hour, three channels and two axes are 5 400
 /// expectations, of which a normal distribution has one beyond this in 900 hours, as seldom as a false alarm may be.
-const SURE_DEVIATIONS: f64 = 5.2;
+const SURE_SD: f64 = 5.2;
 /// No sensor is better than this, N and mm.
 const LEAST_NOISE_N: f64 = 1e-4;
 const LEAST_NOISE_MM: f64 = 1e-3;
@@ -161,7 +161,7 @@ impl Controller<'_> {
             let error_n = STIFFNESS_ERROR * parts_n[0].hypot(parts_n[1]);
             let variance_n2 =
                 variance_of(row, covariance).max(0.0) + error_n * error_n + usual_n2 + measured_n2;
-            (parts_n[0] + parts_n[1], SURE_DEVIATIONS * variance_n2.sqrt())
+            (parts_n[0] + parts_n[1], SURE_SD * variance_n2.sqrt())
         };
         let expected_at = |number: usize, node: usize, side: usize| {
             let start = QUANTITIES * (2 * number + side);
@@ -182,8 +182,8 @@ impl Controller<'_> {
                 let mut row = rows.column(start + 2 + plane).clone_owned();
                 law.unknowns.carry(history.depths_m[node], plane, row.as_mut_slice());
                 expectation.tip.mean[plane] = paths[plane][node][side];
-                expectation.tip.possible[plane] = SURE_DEVIATIONS
-                    * (variance_of(&row, covariance).max(0.0) + ROUGHNESS.sd().powi(2)).sqrt();
+                expectation.tip.possible[plane] =
+                    SURE_SD * (variance_of(&row, covariance).max(0.0) + ROUGHNESS.sd().powi(2)).sqrt();
             }
             expectation
         };

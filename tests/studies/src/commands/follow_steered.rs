@@ -4,7 +4,7 @@
 
 use super::follow::{delay_text, quantile, sorted};
 use anyhow::{Result, ensure};
-use inference::follow::{Compared, Comparer, Parted};
+use inference::follow::{Comparer, Parted, ReadingDifference};
 use steering::{Answer, Command, ComparedChannel, End, Event, Options, Plant, PlantError, Statement, steer};
 use worlds::on_all_cores;
 use worlds::steering::{Kind, SimulatedPlant, reachable_target, world};
@@ -126,7 +126,7 @@ fn followed(number: u64, seed: u64, fault: Fault) -> Result<Followed> {
             ComparedChannel::ForceFromStop => &mut comparers[1],
             ComparedChannel::Tip => &mut comparers[2],
         };
-        parted.extend(comparer.push(Compared {
+        parted.extend(comparer.push(ReadingDifference {
             time_s: one.t_s,
             displacement_mm: one.guide_mm,
             depth_mm: one.depth_mm,

@@ -155,7 +155,7 @@ fn truth_of(effects: &[HiddenEffect], id: &str) -> f64 {
         .unwrap_or(0.0)
 }
 
-/// Compared are the effects that a rig can have here; everything else of it is as designed. The force's zero drifts by the rig's imperfections.
+/// The effects that a rig can have here are compared; everything else of it is as designed. The force's zero drifts by the rig's imperfections.
 fn estimate(one: &Value, effects: &[HiddenEffect]) -> Option<(String, Estimate)> {
     let id = one["effect"].as_str()?;
     let (low, high, value, sd) =

@@ -40,6 +40,8 @@ const OTHERS: [(&str, &[&str]); 5] = [
             "host/readings/src/intervals.rs PINNED_SD",
             "host/readings/src/lateral.rs FAR_SD",
             "host/readings/src/sequential.rs MOST_SD",
+            "host/inference/src/follow/mod.rs SURE_SD",
+            "host/steering/src/controller/compare.rs SURE_SD",
             "host/src/screen/steered.rs HALF_BAND_SD",
         ],
     ),
