@@ -7,6 +7,8 @@
 //! represented by its logarithm, any other parameter by itself ([`Scale`]).
 
 mod heavy_tailed;
+mod model;
+mod parameters;
 
 pub(super) use heavy_tailed::{HeavyTailed, HeavyTailedParameter, StatedPlace};
 
@@ -15,18 +17,11 @@ use super::known::KnownParameter;
 use super::predicted::differences;
 use super::whiten::Whitener;
 pub(super) use formats::NORMAL_975;
-use mechanics::effects::{Effect, ParameterInfo, place_of};
-use mechanics::unknowns::{Family, Unknown, rig, tip, tissue};
-use mechanics::{Cache, Guides, Model, ModelError, Rig, Support, TipLaw, predict_with};
+use mechanics::effects::{Effect, ParameterInfo};
+use mechanics::{Cache, ModelError, Rig, Support, predict_with};
 use nalgebra::{DMatrix, DVector};
-use readings::{Parameter, Prior};
+use readings::Prior;
 use std::sync::Arc;
-
-/// Moduli from which fits of insertions by hand start.
-const BY_HAND_PA: [f64; 4] = [5e3, 25e3, 100e3, 400e3];
-/// Largest distance of guide 2 and the surface from their stated positions.
-const OFFSET_M: f64 = 10e-3;
-const OFFSET_STEP_M: f64 = 1e-5;
 
 /// Scale of a parameter inside the fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -305,170 +300,6 @@ impl Layout {
     pub fn first_of(&self, index: usize) -> usize {
         self.own() + self.effects[..index].iter().map(|effect| effect.parameters().len()).sum::<usize>()
     }
-
-    /// Parameters of a fit that starts from these values.
-    pub fn parameters(&self, starts: &[f64]) -> Vec<Parameter> {
-        let mut parameters = vec![assumed(&tissue::MODULUS, 1e-4)];
-        let Places { load, across, apart, rear, gap, ratio, .. } = self.places();
-        let loads = [load, across].into_iter().flatten();
-        parameters.extend(loads.map(|_| assumed(&tip::LOAD, 1e-4)));
-        if apart.is_some() {
-            parameters.push(assumed(&tissue::INSERTION_MODULUS, 1e-4));
-        }
-        let rears = rear.iter().flatten();
-        parameters.extend(rears.map(|_| assumed(&rig::REAR_COMPLIANCE, 0.01)));
-        let gaps = gap.iter().flatten();
-        parameters.extend(gaps.map(|_| assumed(&tissue::GAP, 1e-3)));
-        if ratio.is_some() {
-            parameters.push(assumed(&tissue::REFERENCE_RATIO, 1e-4));
-        }
-        let stated_places = self.stated().map(|place| {
-            bounded([-OFFSET_M, OFFSET_M], Prior { mean: 0.0, sd: place.scale_m }, OFFSET_STEP_M)
-        });
-        parameters.extend(stated_places);
-        let infos =
-            self.effects.iter().flat_map(|effect| effect.parameters().iter().map(|info| (effect.id(), info)));
-        for (effect, info) in infos {
-            let scale = Scale::of(info);
-            let range = info.range.map(|end| scale.inside(end));
-            let known_parameter = self.known.iter().find(|known| known.is_of(effect, info.name));
-            let prior =
-                known_parameter.map_or_else(|| prior(info), |known_parameter| known_parameter.prior(scale));
-            let step = match (scale, info.nodes.is_empty()) {
-                (Scale::Log, false) => 0.03,
-                (Scale::Log, true) => 1e-3,
-                (Scale::Linear, _) => 3e-3 * info.prior_sd,
-            };
-            parameters.push(bounded(range, prior, step));
-        }
-        for HeavyTailedParameter { parameter, center, prior } in self.heavy_tailed() {
-            let value = starts.get(parameter).copied().unwrap_or(center);
-            let stand_in = Prior { mean: center, sd: prior.sd_at(value - center) };
-            parameters[parameter].prior = Some(stand_in);
-        }
-        for (parameter, start) in parameters.iter_mut().zip(starts) {
-            // Off a bound, so that both differences of the derivative exist.
-            let room = parameter.step.min(0.25 * (parameter.most - parameter.least));
-            parameter.start = start.clamp(parameter.least + room, parameter.most - room);
-        }
-        parameters
-    }
-
-    /// Start values of a first fit.
-    pub fn first_values(&self) -> Vec<f64> {
-        let mut values = vec![0.0; self.own()];
-        let Places { load, rear, .. } = self.places();
-        values[0] = tissue::MODULUS.scale.ln();
-        load.into_iter().for_each(|place| values[place] = tip::LOAD.scale);
-        rear.into_iter().flatten().for_each(|place| values[place] = rig::REAR_COMPLIANCE.scale.ln());
-        let infos = self.effects.iter().flat_map(|effect| effect.parameters());
-        values.extend(infos.map(|info| Scale::of(info).inside(info.neutral)));
-        values
-    }
-
-    /// Start values of the first fits. The modulus from insertions by hand depends on the clamping of the rear and the distance
-    /// of the surface, and has several local optima.
-    pub fn starts(&self, first: &[f64]) -> Vec<Vec<f64>> {
-        if !(self.kinds[1] && self.rig.has_one_guide()) {
-            return vec![first.to_vec()];
-        }
-        BY_HAND_PA
-            .iter()
-            .map(|modulus_pa| {
-                let mut values = first.to_vec();
-                values[0] = modulus_pa.ln();
-                values
-            })
-            .collect()
-    }
-
-    /// Values of the effects' parameters in their own units.
-    pub fn effect_values(&self, values: &[f64]) -> Vec<(&'static dyn Effect, Vec<f64>)> {
-        let mut first_value = self.own();
-        let effects = self.effects.iter().map(|effect| {
-            let infos = effect.parameters();
-            let outside_values = infos
-                .iter()
-                .zip(&values[first_value..])
-                .map(|(info, v)| Scale::of(info).outside(*v))
-                .collect();
-            first_value += infos.len();
-            (*effect, outside_values)
-        });
-        effects.collect()
-    }
-
-    /// The model with these values for a kind of run.
-    ///
-    /// # Errors
-    /// [`ModelError::OutOfRange`] where a value is impossible.
-    pub fn model(&self, values: &[f64], kind: Kind) -> Result<Model, ModelError> {
-        self.model_of(values, kind, false)
-    }
-
-    /// The model with these values for a run, which may belong to the reference.
-    ///
-    /// # Errors
-    /// [`ModelError::OutOfRange`] where a value is impossible.
-    pub fn model_of(&self, values: &[f64], kind: Kind, is_reference: bool) -> Result<Model, ModelError> {
-        let Places { load, across, apart, rear, gap, ratio, guide2, entry } = self.places();
-        let mut ln_modulus = values[0];
-        if kind == Kind::Insertion {
-            ln_modulus += value_at(values, apart).unwrap_or_default();
-        }
-        let mut rig = match &self.reference {
-            Some(rig) if is_reference => {
-                ln_modulus -= value_at(values, ratio).unwrap_or_default();
-                rig.clone()
-            }
-            _ => self.rig.clone(),
-        };
-        if let Some(ln_gap) = value_at(values, gap[usize::from(is_reference)]) {
-            rig.entry_m = rig.guide2_m + (rig.entry_m - rig.guide2_m) * ln_gap.exp();
-        }
-        rig.guide2_m += value_at(values, guide2).unwrap_or_default();
-        // In insertions the surface has a place of its own.
-        if kind == Kind::Lateral {
-            rig.entry_m += value_at(values, entry).unwrap_or_default();
-        }
-        rig.entry_m = rig.entry_m.max(rig.guide2_m);
-        if let Guides::One { rear_rotation_n_m_per_rad } = &mut rig.guides {
-            for (stiffness, place) in rear_rotation_n_m_per_rad.iter_mut().zip(rear) {
-                *stiffness =
-                    stiffness.or(value_at(values, place).map(|ln_compliance| (-ln_compliance).exp()));
-            }
-        }
-        let mut model = Model::on(rig, self.support, ln_modulus.exp())?;
-        if let Some(load_n) = value_at(values, load) {
-            model.tip = TipLaw::load([load_n, value_at(values, across).unwrap_or_default()]);
-        }
-        model.effects = self.effect_values(values);
-        if is_reference {
-            model.effects.truncate(self.given);
-        }
-        // The order of the catalogue is that of the physics: what the needle does comes before what sensors make of it.
-        model.effects.sort_by_key(|(effect, _)| place_of(effect.id()));
-        Ok(model)
-    }
-}
-
-/// A parameter with a range and a prior.
-fn bounded([least, most]: [f64; 2], prior: Prior, step: f64) -> Parameter {
-    Parameter { start: 0.0, step, least, most, prior: Some(prior) }
-}
-
-/// The parameter of an entry of the table of unknowns; its logarithm where the prior is log-normal.
-fn assumed(unknown: &Unknown, step: f64) -> Parameter {
-    let [least, most] = unknown.range;
-    let ends = [least, most, unknown.mean()];
-    let is_logarithmic = unknown.prior.family == Family::LogNormal;
-    let [least, most, mean] = ends.map(|value| if is_logarithmic { value.ln() } else { value });
-    bounded([least, most], Prior { mean, sd: unknown.sd() }, step)
-}
-
-/// Value of a parameter that a session may not have.
-fn value_at(values: &[f64], place: Option<usize>) -> Option<f64> {
-    values.get(place?).copied()
 }
 
 /// Depths at which an insertion was measured, in order, each once.

@@ -329,6 +329,11 @@ impl Fitted {
             }
             self.covariance += &regression * regression.transpose() * (with_tails - variance);
         }
+        // The regression is linear and knows no range; a mean over values of a range lies in it.
+        let ranges = self.layout.parameters(&self.values);
+        for (value, range) in self.values.iter_mut().zip(&ranges) {
+            *value = value.clamp(range.least, range.most);
+        }
         self
     }
 

@@ -32,6 +32,11 @@ pub struct StepNoise {
 }
 
 impl StepNoise {
+    /// Steps that are independent of each other.
+    pub fn independent(sd: f64) -> Self {
+        Self { sd, correlation: 0.0 }
+    }
+
     /// As steps show it in which nothing happens: the standard deviation is the largest that they leave possible with a probability of
     /// 99.9 %, because one that is too small gives false alarms; nothing for fewer than three of them.
     pub fn of_rest(steps: &[f64]) -> Option<Self> {

@@ -97,12 +97,8 @@ impl Readings<'_> {
         chosen: &[usize],
         random: &mut Random,
     ) -> Result<OfRuns, FitError> {
-        let layout = &fitted.layout;
-        let parameters = layout.parameters(fitted.values());
-        // Means over the sizes of the discrepancy and over heavy tails may lie beyond a range in which alone the model has a solution.
-        let pairs = fitted.values().iter().zip(&parameters);
-        let values: Vec<f64> = pairs.map(|(value, one)| value.clamp(one.least, one.most)).collect();
-        let values = values.as_slice();
+        let (layout, values) = (&fitted.layout, fitted.values());
+        let parameters = layout.parameters(values);
         let at_fit = residuals(layout, self.runs, values)?;
         let slopes = jacobian(layout, self.runs, values, &parameters, &at_fit, &[])?;
         let deviations = DMatrix::from_fn(values.len(), chosen.len(), |i, j| drawn.deviations[chosen[j]][i]);

@@ -54,8 +54,8 @@ impl Comparer {
 
     fn new(least: usize, difference: fn(f64) -> Difference) -> Self {
         // Differences are counted in standard deviations of their own step, so that these may differ.
-        let unit = StepNoise { sd: 1.0, correlation: 0.0 };
-        let detectors = [(); 2].map(|()| Detector::new(unit, STEP_S, FALSE_ALARMS_PER_HOUR));
+        let detectors =
+            [(); 2].map(|()| Detector::new(StepNoise::independent(1.0), STEP_S, FALSE_ALARMS_PER_HOUR));
         Self { least, difference, open: Vec::new(), steps: Vec::new(), detectors, parted: Vec::new() }
     }
 

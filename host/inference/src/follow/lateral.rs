@@ -246,7 +246,7 @@ impl Axis {
         self.end_rest();
         let learned = StepNoise::of_rest(&self.learned_n);
         // Readings without any noise: the best sensor there is.
-        let noise = learned.unwrap_or(StepNoise { sd: LEAST_NOISE_N, correlation: 0.0 });
+        let noise = learned.unwrap_or(StepNoise::independent(LEAST_NOISE_N));
         let noise = StepNoise { sd: noise.sd.max(LEAST_NOISE_N), ..noise };
         self.noise_n = noise.sd;
         self.detector = Some((number + 1, Detector::new(noise, STEP_S, FALSE_ALARMS_PER_HOUR)));
