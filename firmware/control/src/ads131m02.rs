@@ -64,15 +64,15 @@ pub const CLOCK_VALUE: u16 = 0x030E;
 /// GAIN: 128 on both channels.
 pub const GAIN_VALUE: u16 = 0x0077;
 
-/// Largest code. A reading of this code or of the least code is out of range.
+/// Largest code. A reading of this code or of the smallest code is out of range.
 const CODE_MAX: i32 = 0x7F_FFFF;
-/// Least code.
+/// Smallest code.
 const CODE_MIN: i32 = -0x80_0000;
 
 /// Time from power-up or a reset command to the first frame, with margin (datasheet: 0.25 ms).
 const RESET_TIME_US: u32 = 1000;
 
-/// Why there is no force sample. Numbers are stable: they are sent on the wire.
+/// Why there is no force sample. The numbers are stable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ForceFault {
@@ -329,7 +329,7 @@ mod tests {
         }
     }
 
-    /// The layout of a frame, independent of the model: status 0x0503, codes 0x010203 and 0xFFFFFE.
+    /// The layout of a frame, independent of the model: status 0x0103, codes 0x010203 and 0xFFFFFE.
     #[test]
     fn frame_layout() {
         let crc = FRAME_CRC.checksum(&[0x01, 0x03, 0x00, 0x01, 0x02, 0x03, 0xFF, 0xFF, 0xFE]);

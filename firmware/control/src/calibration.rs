@@ -1,6 +1,6 @@
 //! From converter codes to micrometres and newtons: the constants of one rig, and the maps that use them.
 //!
-//! They come from the record that the host has stored on the device, or are those of the rig as designed. All arithmetic is in
+//! The constants come from the record that the host has stored on the device, or are those of the rig as designed. All arithmetic is in
 //! `f32`, whose 24-bit mantissa holds every code of both converters exactly.
 
 #![cfg_attr(
@@ -17,6 +17,7 @@ use protocol::{CalibrationId, CalibrationRecord, KNOTS, PotentiometerTable, Text
 pub const POSITION_NM_PER_COUNT: u32 = 1_000;
 /// Value of one force count on the wire, nanonewtons: a hundredth of the noise of a good cell.
 pub const FORCE_NN_PER_COUNT: u32 = 50_000;
+
 /// Constants of one rig, checked.
 #[derive(Debug, Clone)]
 pub struct Calibration {
@@ -79,7 +80,7 @@ impl Calibration {
         [table_x.position_um(code_x, rising_x), table_y.position_um(code_y, rising_y)]
     }
 
-    /// Codes that a sound potentiometer can give, x and y.
+    /// Whether the codes lie on the tracks of the potentiometers, x and y.
     pub fn on_track(&self, codes: [u16; 2]) -> [bool; 2] {
         let ([code_x, code_y], [table_x, table_y]) = (codes, &self.record.potentiometers);
         [table_x.on_track(code_x), table_y.on_track(code_y)]
@@ -90,7 +91,7 @@ impl Calibration {
         self.record.travel_um
     }
 
-    /// Force from the converter's own zero, in force counts.
+    /// Force from the calibration's zero, which is code 0 of the converter, in force counts.
     pub fn force_counts(&self, codes: [i32; 2]) -> [i32; 2] {
         let [c0, c1] = codes.map(|code| code as f32);
         self.force_counts_per_code.map(|[g0, g1]| round(g0 * c0 + g1 * c1))
@@ -110,7 +111,7 @@ impl Default for Calibration {
     }
 }
 
-/// Force counts of so many millinewtons.
+/// Force counts of a force in millinewtons.
 pub const fn counts_of_mn(force_mn: u32) -> i32 {
     (force_mn as u64 * 1_000_000 / FORCE_NN_PER_COUNT as u64) as i32
 }

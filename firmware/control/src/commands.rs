@@ -3,7 +3,7 @@
 //! A hello begins a connection: the device answers with a token that every command of it carries, and ids only grow within it.
 //! The host repeats a command when no answer came; the answers to the latest commands are kept with their requests, so that
 //! a repeat gets the same answer and changes nothing. An old frame (recorded, delayed, or repeated by a faulty line) has a
-//! forgotten token or a used id, and has no effect, however often it arrives.
+//! forgotten token or a used id, and is not carried out, however often it arrives.
 //!
 //! The tokens of a few connections stay valid, and the least recently used one is forgotten, so that a stray hello does not end
 //! the connection of the program that is at work.
@@ -19,7 +19,7 @@ pub const MAX_STORED_ANSWERS: usize = 8;
 pub const CONNECTIONS: usize = 4;
 /// Difference between the tokens of two connections: odd, so that all 2^32 tokens differ, and with many bits set.
 const TOKEN_STEP: u32 = 0x9E37_79B9;
-/// Number of connections of one start that have different tokens. After them the tokens repeat from the first.
+/// Size of the block of tokens of one start. Its connections take [`TOKENS`] - 1 different ones in turn.
 pub const TOKENS: u32 = 1 << 12;
 
 /// Identity of a start of a chip; the tokens of its connections are counted from it. Two starts of a chip have different tokens
@@ -65,7 +65,7 @@ struct Connection {
 pub struct CommandSession {
     connections: heapless::Vec<Connection, CONNECTIONS>,
     boot_id: u32,
-    /// Number of the latest connection, from 1 to [`TOKENS`] less 1.
+    /// Number of the latest connection, from 1 to [`TOKENS`] - 1; 0 before the first.
     latest: u32,
     commands: u32,
 }
@@ -115,7 +115,7 @@ impl CommandSession {
         }
     }
 
-    /// Remembers the answer to a command that was carried out, for a repeat.
+    /// Remembers the answer to a new command, for a repeat of it.
     pub fn remember(&mut self, command: &Command, answer: Answer) {
         if matches!(command.request, Request::Hello | Request::Stop) {
             return;
@@ -162,7 +162,7 @@ mod tests {
             conversation.remember(&new, Ok(()));
         }
         assert_eq!(conversation.admit(&old), Admission::Refused(Refusal::IdUsed));
-        // Its own hello comes again too: the connection is another one.
+        // If its hello is repeated too, the old token stays valid, and the new connection has another one.
         let again = conversation.begin();
         assert_eq!(conversation.admit(&old), Admission::Refused(Refusal::IdUsed));
         assert_eq!(conversation.admit(&command(0, again, Request::ClearFault)), Admission::New);

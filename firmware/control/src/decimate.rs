@@ -7,9 +7,9 @@
 //! |---|---|---|
 //! | delay, periods ([`Decimator::DELAY_PERIODS`]) | `R - 1` | 9 |
 //! | gain of white noise ([`Decimator::noise_gain`]) | `sqrt((2 R² + 1) / (3 R³))` | 0.259 |
-//! | zeros of the response | multiples of `1 / R` of the rate in | 100 Hz, 200 Hz, .. at 1 kHz |
+//! | zeros of the response | multiples of the input rate divided by `R` | 100 Hz, 200 Hz, .. at 1 kHz |
 //!
-//! Values are added with wrap-around, which is exact as long as the output fits 32 bits: for values up to `2^31 / R²`.
+//! The sums wrap around; the output is exact as long as it fits 32 bits: for values up to `2^31 / R²`.
 
 /// The filter of one channel.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub struct Decimator<const R: i32> {
     sums: [i32; 2],
     before: [i32; 2],
     phase: i32,
-    /// Outputs until the window has been filled for the first time.
+    /// Number of outputs to omit until the window has been filled for the first time.
     filling: u8,
 }
 
@@ -102,7 +102,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against the definition, however long ago the sums have wrapped.
+        /// Compares the output with its definition, also after the sums have wrapped.
         #[test]
         fn every_result_is_the_weighted_sum(values in prop::collection::vec(-10_000_000..10_000_000, 40..200)) {
             let mut filter = Decimator::<5>::new();

@@ -18,8 +18,9 @@ pub struct ForceChannel {
     accepted_counts: [i32; 2],
     /// Codes of the latest readings, the newest first.
     codes: [[i32; 2]; REMEMBERED_CODES],
-    /// This period has a reading that is no jump from those before it.
+    /// This period has a valid reading.
     is_fresh: bool,
+    /// It does not jump from those before it.
     is_accepted: bool,
     missing: Recent,
     saturated: LatestTwo,
@@ -52,11 +53,11 @@ impl ForceChannel {
         }
     }
 
-    /// Takes this period's reading; returns force relative to the tare, in force counts. A period without a valid reading is
-    /// counted, returns the force of the last valid one, and is no evidence of a load.
+    /// Takes this period's reading; returns the force relative to the tare, in force counts. A period without a valid reading is
+    /// counted, and returns the force of the last valid one.
     pub fn update(&mut self, calibration: &Calibration, reading: &Result<[i32; 2], ForceFault>) -> [i32; 2] {
         let is_saturated = matches!(reading, Err(ForceFault::Saturated { .. }));
-        // A saturated converter gives no valid reading, and is evidence of a load.
+        // Saturation is evidence of a load; a missing reading is not.
         let is_missing = reading.is_err() && !is_saturated;
         let is_repeated = reading.as_ref().is_ok_and(|codes| self.repeats(*codes));
         self.saturated.note(is_saturated, FORCE_READINGS);
@@ -85,7 +86,7 @@ impl ForceChannel {
         self.relative_counts()
     }
 
-    /// Whether a channel repeats an earlier reading to the last bit, which is rare for a converter with noise of many codes.
+    /// Whether a channel repeats an earlier code, except for the last bit, which is rare for a converter with noise of many codes.
     fn repeats(&self, codes: [i32; 2]) -> bool {
         self.codes
             .iter()
@@ -117,12 +118,12 @@ impl ForceChannel {
         [x.saturating_sub(zero_x), y.saturating_sub(zero_y)]
     }
 
-    /// This period has a reading.
+    /// Whether this period has a valid reading.
     pub fn is_fresh(&self) -> bool {
         self.is_fresh
     }
 
-    /// Whether this period has a reading that is no jump from those before it.
+    /// Whether this period has a valid reading that does not jump from those before it.
     pub fn is_accepted(&self) -> bool {
         self.is_accepted
     }
@@ -147,17 +148,17 @@ impl ForceChannel {
         &self.counters
     }
 
-    /// Force from the converter's own zero, in force counts, which the range limit is compared with.
+    /// Force from the calibration's zero, in force counts.
     pub fn absolute_counts(&self) -> [i32; 2] {
         self.latest_counts
     }
 
-    /// Begins a tare again.
+    /// Begins a tare from its first period.
     pub fn begin_tare(&mut self) {
         self.taring = Taring::default();
     }
 
-    /// Adds this period to the tare. A repeated reading counts as missing.
+    /// Adds this period to the tare. A rejected reading counts as missing.
     pub fn tare_on(&mut self) {
         if self.is_accepted {
             self.taring.add(self.relative_counts(), self.codes[0]);
@@ -182,12 +183,12 @@ impl ForceChannel {
         Ok(tare)
     }
 
-    /// A tare was completed since the start.
+    /// Whether a tare was completed since the start.
     pub fn is_tared(&self) -> bool {
         self.tared
     }
 
-    /// Zero of the force, in force counts from the converter's own.
+    /// Zero of the tare, in force counts from the calibration's zero.
     pub fn zero_counts(&self) -> [i32; 2] {
         self.zero_counts
     }
@@ -208,7 +209,7 @@ mod tests {
             force_range_mn: 100_000,
             ..Calibration::nominal_record()
         };
-        Calibration::new(record).expect("a sound calibration")
+        Calibration::new(record).expect("a valid calibration")
     }
 
     #[test]
@@ -232,7 +233,7 @@ mod tests {
         let mut force = ForceChannel::new();
         force.update(&Calibration::default(), &Err(ForceFault::NotReady));
         force.tare_on();
-        let tare = force.finish_tare(5_000, 1_000.0).expect("nothing is wrong with it");
+        let tare = force.finish_tare(5_000, 1_000.0).expect("no problem");
         assert!(!force.is_tared());
         assert_eq!((tare.zero_counts, tare.periods, tare.readings), ([0, 0], 1, 0));
     }
@@ -272,7 +273,7 @@ mod tests {
         }
         assert_eq!(force.doubtful(), 9);
         force.update(&calibration, &Ok([20_000, 700]));
-        assert_eq!(force.doubtful(), 9, "a sound one is no doubt");
+        assert_eq!(force.doubtful(), 9, "a reading that repeats none is not doubtful");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The status light: breathes at rest, shines while a program runs, blinks fast in a fault.
+//! The status light: breathes at rest, is on during a motion or while a program waits, blinks fast in a fault.
 //!
 //! Only this module uses `micromath`: its trigonometry is a rough approximation, which the eye does not notice. No measurement
 //! and no drive may depend on it.
@@ -15,6 +15,7 @@ const BLINK_PERIODS: u32 = 100_000 / PERIOD_US;
 pub struct Indicator {
     period: u32,
     phase: f32,
+    /// Accumulated brightness that no pulse has shown yet.
     owed: f32,
 }
 

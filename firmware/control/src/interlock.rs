@@ -8,33 +8,33 @@
 //! | no. | fault | hazard | detected by | within | test |
 //! |---|---|---|---|---|---|
 //! | 0 | `EmergencyStop` | a person in danger; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
-//! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus); while driven, a force that jumps as no motion makes it | 8 readings; 2 that jump | `the_force_converter_falls_silent`, `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
+//! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus); while driven, a jump of the force that no motion makes | 8 readings; 2 that jump | `the_force_converter_falls_silent`, `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
 //! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 readings | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates`, `a_converter_that_saturates_in_every_second_reading_is_a_load`, `a_converter_that_saturates_in_a_retreat_is_left_towards_the_middle`, `a_load_beyond_the_range_is_removed_by_a_retreat`, `hum_does_not_keep_a_load_beyond_the_range`, `a_calibration_that_no_rig_has_is_refused` |
-//! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes; one that repeats itself is `Stall` or `FollowingError` | 2 readings | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps`, `no_pattern_of_failing_potentiometers_lets_the_force_exceed_its_limit_or_is_shown` |
-//! | 4 | `MoveTimeout` | creeping, or a load that the motor cannot move | not settled 3 s after one and a half times the move's time | that | `an_axis_too_weak_for_the_last_step_times_out` |
+//! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes; a frozen potentiometer is detected as `Stall` or `FollowingError` | 2 readings | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps`, `no_pattern_of_failing_potentiometers_lets_the_force_exceed_its_limit_or_is_shown` |
+//! | 4 | `MoveTimeout` | creeping, or a load that the motor cannot move | not settled 3 s after one and a half times the move's time | that time | `an_axis_too_weak_for_the_last_step_times_out` |
 //! | 5 | `ForceLimit` | tissue or needle is overloaded | force beyond the limit that is set, from the tare or from the calibration's zero | 2 readings; 10 where a sensor fails | `a_force_spike_exceeds_the_limit`, `no_pattern_of_failing_force_channels_lets_the_force_exceed_its_limit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load`, `the_monitor_retreats_from_a_load`, `tares_under_load_do_not_move_the_force_limit`, `a_tare_under_load_is_rejected` |
-//! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel and driven or going further out | 2 readings | `a_runaway_axis_leaves_its_travel`, `a_ramp_to_the_end_of_the_travel_rests_within_it` |
+//! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel, and the axis is driven or moves further out | 2 readings | `a_runaway_axis_leaves_its_travel`, `a_ramp_to_the_end_of_the_travel_rests_within_it` |
 //! | 7 | `Stall` | jam: motor and needle are overloaded | no motion for 200 ms at a duty that moves every unit | 200 periods of pushing | `a_jammed_axis_stalls` |
 //! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods of being that far | `a_weak_motor_falls_behind` |
-//! | 9 | `ForceStuck` | the converter repeats itself, or a channel is dead or drops to one value: force cannot be limited | one of the four codes before it, but for the last bit | 8 readings of 32 | `the_force_converter_is_stuck`, `the_force_converter_is_stuck_but_for_its_last_bit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
-//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no accepted command of the connection that started the motion for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
+//! | 9 | `ForceStuck` | the converter repeats itself, or a channel is dead or drops to one value: force cannot be limited | a code equals one of the four before it, except for the last bit | 8 readings of 32 | `the_force_converter_is_stuck`, `the_force_converter_is_stuck_but_for_its_last_bit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
+//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no accepted command of the connection that started the motion for the time that is set | that time | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
 //! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `converters_that_stay_slow_or_hang_leave_a_device_that_answers`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_reported`, `a_stack_that_overflows_restarts_and_is_reported` |
-//! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late`, `converters_that_stay_slow_or_hang_leave_a_device_that_answers` |
+//! | 12 | `Overrun` | the control task is starved, and the loop is not closed in time | a period began more than half a period late, twice in 16 periods of a motion | 2 late periods | `a_slow_converter_makes_control_late`, `converters_that_stay_slow_or_hang_leave_a_device_that_answers` |
 //! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out`, `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
-//! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | 0.06 mm against the driven direction, from 35 periods of driving that way on | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
-//! | 15 | `CalibrationLost` | the limits are those of another rig | a slot of the flash is neither sound nor erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_newer_calibration_that_is_damaged_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
+//! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | moved 0.06 mm against the driven direction, after 35 periods of drive in it | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
+//! | 15 | `CalibrationLost` | the limits are those of another rig | a slot of the flash is neither valid nor erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_newer_calibration_that_is_damaged_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
 //!
 //! The recovery from each, and the test that carries it out, is in the protocol's chapter
 //! (`protocol/spec/protocol.md`). A fault survives every restart in which memory keeps its content. [`super::mutation`] lists
-//! the ways in which an interlock could once be defeated, each with its test.
+//! the ways in which a limit was once circumvented, each with its test.
 //!
-//! The force overshoots its limit by the motion of the motor until it stops. At full speed that is 0.32 mm (4 periods for
-//! reading, evidence and bridge, then the motor's lag), and 0.48 mm where a force channel fails in any of its readings. The
-//! readings do not reveal one fault. A force channel that was dead before a tenth of its range loaded it shows the noise of its
-//! converter alone, like one with a needle in air. `guide bringup` finds it by its noise.
+//! After the force has reached its limit, the motor moves on until it stops. At full speed that is 0.32 mm (4 periods for
+//! reading, evidence and bridge, then the motor's lag), and 0.48 mm where a force channel fails in any of its readings. One
+//! failure is not visible in the readings: a force channel that fails while it carries less than a tenth of its range shows only
+//! the noise of its converter, like a channel without a load. `guide bringup` finds it by its noise.
 //!
-//! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
-//! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
+//! The tests are the end-to-end tests of these names. They run the firmware in QEMU and make each cause in the simulated rig or on
+//! the link; each asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
 
 use super::force::ForceChannel;
 use super::limits::{
@@ -48,7 +48,7 @@ use protocol::Fault;
 
 /// Largest overshoot of a guide beyond its travel, micrometres.
 pub const TRAVEL_MARGIN_UM: f32 = 200.0;
-/// Distance from the filtered position beyond which it is motion and not noise, micrometres.
+/// Distance of a reading from the filtered position beyond which it is motion and not noise, micrometres.
 const OUTWARD_UM: f32 = 50.0;
 /// Periods over which late starts are counted.
 const LATE_WINDOW_PERIODS: u8 = 16;
@@ -58,7 +58,7 @@ const LATE_WINDOW_PERIODS: u8 = 16;
 pub struct Limits {
     /// Largest force along either axis, relative to the tare and from the calibration's zero, millinewtons.
     pub force_mn: u32,
-    /// Longest time without an accepted command of the connection that started the program, milliseconds.
+    /// Longest time without an accepted command of the connection that started the motion, milliseconds.
     pub silence_ms: u32,
 }
 
@@ -80,7 +80,7 @@ pub struct Observed<'a> {
     pub expected_um: [f32; 2],
     /// Duty of both axes in the period before.
     pub duty: [f32; 2],
-    /// A program is pending or running.
+    /// A program is pending or running, or a retreat or a pulse is under way.
     pub active: bool,
     /// Time since the last accepted command of the connection that started the motion, microseconds.
     pub silent_us: u64,
@@ -134,12 +134,12 @@ impl StopCauses {
         URGENCY.into_iter().find(|fault| self.has(*fault))
     }
 
-    /// The causes that a retreat removes.
+    /// Whether there is a cause that a retreat removes.
     pub fn load(self) -> bool {
         Fault::ALL.into_iter().any(|fault| fault.allows_retreat() && self.has(fault))
     }
 
-    /// A cause that no retreat removes.
+    /// Whether there is a cause that no retreat removes.
     pub fn other_than_load(self) -> bool {
         Fault::ALL.into_iter().any(|fault| !fault.allows_retreat() && self.has(fault))
     }
@@ -200,7 +200,7 @@ impl Interlock {
         self.faults
     }
 
-    /// Latches a fault; the first one stays, later ones are its consequences.
+    /// Latches a fault, unless one is latched already: later ones count as its consequences.
     pub fn latch(&mut self, fault: Fault) {
         if self.latched.is_none() {
             self.latched = Some(fault);

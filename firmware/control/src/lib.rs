@@ -16,7 +16,7 @@
 //! | [`interlock`] | when to stop, and why: the table of hazards |
 //! | [`limits`] | how much evidence a fault takes |
 //! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
-//! | [`retreat`] | motions that unload the guide while the fault of the load is latched |
+//! | [`retreat`] | motions that unload the guide while a fault from the load is latched |
 //! | [`retained`] | state that is retained over a restart |
 //! | [`store`] | a calibration while it is received |
 //! | [`telemetry`] | batches, answers and events, and what is dropped where the link is slow |
@@ -126,15 +126,16 @@ pub struct Controller {
     conversation: CommandSession,
     indicator: Indicator,
     incoming: Incoming,
-    /// Token of the connection that started the motion, and the time of its last accepted command.
+    /// Time of the last accepted command of the connection that started the motion.
     last_command_us: u64,
+    /// Token of the connection that started the motion.
     mover: u32,
     control_overruns: u32,
     report_due: u32,
     safety_due: u32,
     streaming: bool,
     source: CalibrationSource,
-    /// The calibration was lost and that is not acknowledged.
+    /// The calibration was lost, and the host has not acknowledged that.
     calibration_lost: bool,
     load_meter: LoadMeter,
     load_watch: LoadWatch,
@@ -142,15 +143,16 @@ pub struct Controller {
     retreat_by_um: [i32; 2],
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
-    /// Last reported state of the motors, the fault and the pulses.
+    /// Last reported safety state.
     reported: Option<ReportedSafety>,
+    /// Latched fault and net drive of the pulses in the previous period.
     kept: (Option<Fault>, NetDrive),
 }
 
-/// Safety state that is reported at once when it changes.
+/// Safety state that is reported at once when it changes: source of the calibration, tared or not, zero of the force.
 type ReportedSafety = (CalibrationSource, bool, [i32; 2]);
 
-/// A period that begins later than this is a late one, microseconds.
+/// Delay of a period's start beyond which the period counts as late, microseconds.
 const LATE_US: u32 = PERIOD_US / 2;
 
 impl Controller {
@@ -162,7 +164,7 @@ impl Controller {
             retained.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
         // A fault latched before the restart comes first; the hello reports the restart itself.
         let lost = matches!(origin, Origin::Lost | Origin::Earlier);
-        // A lost calibration is latched again, or has been stored.
+        // Whether the calibration is still lost is decided by its origin at this start, not by the retained fault.
         let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
         let restarted = restarted.then_some(Fault::Restarted);
         let lost_now = lost.then_some(Fault::CalibrationLost);
@@ -420,8 +422,8 @@ fn event(t_us: u64, kind: EventKind) -> Event {
     Event { t_us, kind }
 }
 
-/// `OutboundMessages` holds the largest number of messages of one period, so that nothing is refused here; a test covers the
-/// longest period.
+/// Adds a message. `OutboundMessages` has room for the largest number of messages of one period, so that none is lost here; a
+/// test covers the period with the most messages.
 fn push(notes: &mut OutboundMessages, note: OutboundMessage) {
     let pushed = notes.push(note);
     debug_assert!(pushed.is_ok(), "more notes in one period than there is room for");

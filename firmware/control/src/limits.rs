@@ -1,23 +1,23 @@
-//! Evidence that a fault requires, counted over the latest readings and not over consecutive ones. A loose contact gives a
+//! Evidence that a fault requires. It is counted over the latest readings and need not be consecutive: a loose contact gives a
 //! false reading now and then, so that a rule that waits for two true readings in a row may wait for ever.
 //!
 //! | evidence | a fault | so that |
 //! |---|---|---|
-//! | a force that is beyond a limit, saturated, or jumps as no motion makes it | the second among the latest [`FORCE_READINGS`] | one outlier is no fault; single true readings with a hundred false ones between them reveal a load |
+//! | a force that is beyond a limit, saturated, or jumps by more than any motion makes | the second among the latest [`FORCE_READINGS`] | one outlier is no fault; single true readings with a hundred false ones between them reveal a load |
 //! | a position that is beyond the track or the travel, or jumps | the second among the latest [`WINDOW_READINGS`] | one outlier is no fault, nor is a wiper with a bad contact now and then |
 //! | a force that is missing, or repeated to the last bit | [`DOUBTFUL_READINGS`] of the latest [`WINDOW_READINGS`] | the remaining readings reveal a load in time |
 //!
 //! **Overshoot.** While nothing is latched, fewer than [`DOUBTFUL_READINGS`] of any [`WINDOW_READINGS`] readings are missing or
-//! repeated, and the first false one may pass as a reading. So any [`LATEST_READINGS`] readings contain two true ones. A load
-//! beyond the limit is detected in the tenth reading at the latest, whichever readings fail, and with sound sensors in the
-//! second. At full speed a motor moves 20 um in a period: with a period of sampling and one until the bridge is off that is
-//! 0.24 mm instead of 0.08 mm, and it then coasts by 0.24 mm (lag of 12 periods) in both cases. A motor whose gear has less
+//! repeated, and the first false one may pass as a true one, because it repeats nothing. So any [`LATEST_READINGS`] readings
+//! contain two true ones. A load beyond the limit is detected in the tenth reading at the latest, whichever readings fail, and in
+//! the second if none fails. At full speed a motor moves 20 um in a period: with a period of sampling and one until the bridge is
+//! off that is 0.24 mm instead of 0.08 mm, and it then coasts by 0.24 mm (lag of 12 periods) in both cases. A motor whose gear has less
 //! friction coasts further once its bridge is off, and the overshoot grows by the same distance
 //! (`host/manual/src/on-a-board.md` has a row for its measurement).
 //!
-//! False readings that neither repeat nor jump look like a sound channel without a load: the input is shorted now and then, and
-//! the channel shows the noise of the converter. A load is detected when two readings are true and beyond the limit, or jump
-//! from the others; where one reading in `n` is true, that takes `2 n` periods.
+//! False readings that neither repeat nor jump look like those of a working channel without a load, for example if the input is
+//! shorted now and then and the channel shows the noise of the converter. A load is detected when two readings are true and
+//! beyond the limit, or jump from the others; where one reading in `n` is true, that takes up to `2 n` periods.
 //!
 //! **False faults.** Two spikes in the window are a fault: `n` spikes an hour cause `n * n * 128 / 3,600,000` false faults an
 //! hour. One spike a minute causes one false fault in eight hours. A code is repeated where it is within [`REPEATED_CODES`] of
@@ -102,12 +102,12 @@ impl LatestTwo {
     }
 }
 
-/// Rejects single readings that jump. A jump that lasts is accepted, by which time it is a fault.
+/// Rejects single readings that jump. A jump that persists is accepted; by then it is a fault.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Outliers(u32);
 
 impl Outliers {
-    /// Takes the next reading, of which it is known whether it jumps, and returns whether it is accepted.
+    /// Takes the next reading, given whether it jumps, and returns whether it is accepted.
     pub fn accepts(&mut self, is_jump: bool) -> bool {
         self.0 = if is_jump { self.0.saturating_add(1) } else { 0 };
         !is_jump || self.0 > EVIDENCE_READINGS

@@ -1,9 +1,9 @@
-//! Protects a motor: limits the fraction of time for which it is driven, and detects drive without motion.
+//! Protects a motor: limits the fraction of time for which it is driven, and detects drive without motion or against it.
 //!
 //! The actuators are rated for a duty cycle of 20 %: at most [`ON_LIMIT_PERIODS`] of driving in any [`WINDOW_S`] seconds. The
 //! time is counted in bins of [`BIN_S`] seconds over a window that slides by whole bins and is one bin longer than rated, so
-//! that no window of the rated length ever has more. A motor that has used it up is locked out until it has less than
-//! [`COOLED_SHARE`] of it.
+//! that no window of the rated length ever has more. A motor that has been driven for that long is locked out until its driving
+//! time in the window is below [`COOLED_SHARE`] of the limit.
 
 use super::PERIOD_US;
 use super::axis::Setpoint;
@@ -102,11 +102,11 @@ impl DutyBudget {
             *bin = u16::from_le_bytes(bin_bytes.try_into().ok()?);
         }
         let in_bin = u32::from(u16::from_le_bytes([low, high]));
-        let sound = usize::from(current) < BINS
+        let is_valid = usize::from(current) < BINS
             && in_bin <= PERIODS_PER_BIN
             && bins.iter().all(|bin| u32::from(*bin) <= PERIODS_PER_BIN);
         let on_periods = bins.iter().copied().map(u32::from).sum();
-        sound.then_some(Self { bins, current: current.into(), in_bin, on_periods, locked: locked != 0 })
+        is_valid.then_some(Self { bins, current: current.into(), in_bin, on_periods, locked: locked != 0 })
     }
 
     /// Fraction of the allowed drive that has been used.
@@ -115,14 +115,14 @@ impl DutyBudget {
     }
 }
 
-/// Duty above which every sound actuator moves: the largest dead band of a unit, with a margin.
+/// Duty above which every working actuator moves: the largest dead band of a unit, with a margin.
 const MOVES_ABOVE_DUTY: f32 = 0.35;
 /// Duration of drive above that duty without motion that is a stall, periods.
 pub const STALL_PERIODS: u32 = 200_000 / PERIOD_US;
 /// Distance that counts as motion in that time, micrometres: a third of the distance of the slowest unit at that duty, and five
 /// times the noise.
 const MOVED_UM: f32 = 60.0;
-/// Following error that no sound axis reaches, micrometres.
+/// Following error that no working axis reaches, micrometres.
 pub const FOLLOWING_LIMIT_UM: f32 = 1_500.0;
 
 /// Duration of drive in one direction before the direction of motion is judged, periods: by then the play is taken up
@@ -140,7 +140,7 @@ pub struct DriveWatch {
     sign: f32,
     periods: u32,
     following_error_periods: u16,
-    /// Direction and duration of the axis's drive, and its position when the direction of motion was first judged.
+    /// Direction of the drive, its duration, and the axis's position when the direction of motion began to be judged.
     way: f32,
     way_periods: u32,
     way_from_um: f32,
@@ -233,7 +233,7 @@ mod tests {
             (0..1_000).for_each(|_| budget.step(false));
             resting_s += 1;
         }
-        // The first bins of the minute leave the window after it has passed: 48 of 60 s remain.
+        // The minute's first bins leave the window first, until 48 of its 60 s remain.
         assert!((245..=260).contains(&resting_s), "{resting_s} s");
     }
 
@@ -247,14 +247,14 @@ mod tests {
         watch.step(0.5, 3.0, None);
         assert!(watch.stalled());
         watch.step(-0.5, 3.0, None);
-        assert!(!watch.stalled(), "the other way is another try");
+        assert!(!watch.stalled(), "a reversal starts the count again");
         for period in 0..10 * STALL_PERIODS {
             watch.step(-0.4, -0.4 * period as f32, None);
             assert!(!watch.stalled());
         }
         for _ in 0..10 * STALL_PERIODS {
             watch.step(0.2, 3.0, None);
-            assert!(!watch.stalled(), "within the dead band nothing need move");
+            assert!(!watch.stalled(), "within the dead band a motor need not move");
         }
     }
 
@@ -286,10 +286,10 @@ mod tests {
     }
 
     #[test]
-    fn a_kept_budget_is_the_same_budget() {
+    fn a_restored_budget_equals_the_retained_one() {
         let mut budget = DutyBudget::new();
         (0..93_217).for_each(|period| budget.step(period % 5 < 3));
-        let mut restored = DutyBudget::from_bytes(&budget.to_bytes()).expect("sound");
+        let mut restored = DutyBudget::from_bytes(&budget.to_bytes()).expect("a valid budget");
         for period in 0..400_000 {
             assert_eq!((restored.used(), restored.is_locked()), (budget.used(), budget.is_locked()));
             restored.step(period % 7 == 0);
@@ -327,7 +327,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
 
-        /// However the driving is spread, no window of the rated length has more than the limit while the lock-out holds.
+        /// For any distribution of the driving, no window of the rated length has more than the limit while the lock-out holds.
         #[test]
         fn no_window_has_more_than_its_share(bursts in prop::collection::vec((1_u32..40_000, 1_u32..60_000), 1..30)) {
             let (mut budget, mut history) = (DutyBudget::new(), std::vec::Vec::new());

@@ -77,7 +77,7 @@ pub struct Outputs {
     pub sample: Sample,
     /// Answers and events, in order.
     pub notes: OutboundMessages,
-    /// Keep [`super::Controller::retained_state`] for the next start.
+    /// Whether to keep [`super::Controller::retained_state`] for the next start.
     pub keep: bool,
     /// Keep this calibration and restart with it, once the answer has gone out.
     pub store: Option<CalibrationRecord>,

@@ -1,7 +1,7 @@
 //! Motion of a setpoint along a path: constant acceleration to the requested speed, and constant deceleration to rest at the
 //! end.
 //!
-//! An actuator coasts past a setpoint that stops at once, because of its lag; it follows one that slows down.
+//! Because of its lag an actuator overshoots a setpoint that stops abruptly; it follows one that decelerates.
 
 /// Acceleration along the path, micrometres per second squared: the actuator follows it within a few micrometres.
 pub const ACCELERATION_UM_S2: f32 = 20_000.0;
@@ -20,7 +20,7 @@ impl Profile {
     pub fn new(length_um: f32, speed_um_s: f32) -> Self {
         let peak_um_s = speed_um_s.min(libm::sqrtf(length_um * ACCELERATION_UM_S2));
         let ramp_s = peak_um_s / ACCELERATION_UM_S2;
-        // The two ramps together cover as much as the duration of one ramp at full speed.
+        // The two ramps together cover the distance of one ramp's duration at peak speed.
         let duration_s = if peak_um_s > 0.0 { length_um / peak_um_s + ramp_s } else { 0.0 };
         Self { length_um, peak_um_s, ramp_s, duration_s }
     }

@@ -1,7 +1,7 @@
 //! Motion programs: a list of steps that the device runs by itself, so that timing does not depend on the host or the link.
 //!
 //! A move's setpoint travels in a straight line, both axes arriving together ([`Profile`]); the step ends when both axes have
-//! settled. Each later move starts from the target before it, not from the noisy position.
+//! settled. Each later move starts from the previous target, not from the noisy position.
 
 use super::PERIOD_US;
 use super::axis::Setpoint;
@@ -15,8 +15,8 @@ use protocol::{
 const RETREAT_SPEED_UM_S: f32 = 250.0;
 /// Time that a move may take to settle, beyond 1.5 times the duration of its path, microseconds.
 const SETTLE_LIMIT_US: u64 = 3_000_000;
-/// Time for which an axis coasts after a setpoint that stops at once, seconds: the motor's lag, the filter's and the
-/// loop's.
+/// Distance by which an axis overshoots a setpoint that stops abruptly, per unit of its speed, seconds: the lags of motor,
+/// filter and loop.
 const RUN_ON_S: f32 = 0.03;
 
 /// Activity of the executor.
@@ -26,7 +26,7 @@ pub enum Phase {
     Idle,
     /// Waiting for the start time.
     Pending,
-    /// Running a move.
+    /// Running a move or a ramp.
     Moving,
     /// Running a hold.
     Holding,
@@ -47,7 +47,7 @@ pub struct ProgramProgress {
     pub tare_finished: bool,
     /// The last step ended.
     pub completed: bool,
-    /// A move has not settled in time.
+    /// The step or the retreat has not settled in time.
     pub timed_out: bool,
     /// The retreat has arrived at its end.
     pub retreated: bool,
@@ -73,13 +73,13 @@ impl Path {
     }
 
     /// Setpoints at this covered fraction of the path and this speed, micrometres per second.
-    fn at(&self, share: f32, speed_um_s: f32) -> [Setpoint; 2] {
+    fn at(&self, fraction: f32, speed_um_s: f32) -> [Setpoint; 2] {
         let mut setpoints = [Setpoint { position_um: 0.0, speed_um_s: 0.0 }; 2];
         for ((setpoint, from_um), to_um) in setpoints.iter_mut().zip(self.from_um).zip(self.to_um) {
-            let path_fraction = if self.length_um > 0.0 { (to_um - from_um) / self.length_um } else { 0.0 };
+            let direction = if self.length_um > 0.0 { (to_um - from_um) / self.length_um } else { 0.0 };
             *setpoint = Setpoint {
-                position_um: from_um + share * (to_um - from_um),
-                speed_um_s: speed_um_s * path_fraction,
+                position_um: from_um + fraction * (to_um - from_um),
+                speed_um_s: speed_um_s * direction,
             };
         }
         setpoints
@@ -97,7 +97,7 @@ enum Activity {
         step: Step,
         since_us: u64,
     },
-    /// Moving on its path, or waiting for one.
+    /// Retreating along a path or, while there is none, waiting until the axes are at rest.
     Retreating {
         since_us: u64,
     },
@@ -161,7 +161,7 @@ impl Executor {
     /// Starts the first `count` loaded steps at `start_us` (0: now), from this position.
     ///
     /// # Errors
-    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] (a ramp that is too fast among them, or a start too far ahead),
+    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] (no steps or too many, a ramp that is too fast, a start too far ahead),
     /// [`Refusal::ProgramMismatch`], [`Refusal::TooLate`].
     pub fn run(
         &mut self,
@@ -204,7 +204,7 @@ impl Executor {
         Ok(())
     }
 
-    /// No other motion may start: a retreat waits until the axes are at rest.
+    /// Begins a retreat, which waits until the axes are at rest; until it ends no other motion may start.
     pub fn await_rest(&mut self, now_us: u64) {
         self.activity = Activity::Retreating { since_us: now_us };
     }
@@ -217,7 +217,7 @@ impl Executor {
         }
     }
 
-    /// Starts a retreat from here to there.
+    /// Starts the motion of a retreat, in a straight line between two positions.
     pub fn retreat(&mut self, from_um: [f32; 2], to_um: [f32; 2], now_us: u64) {
         let path = Path::new(from_um, to_um);
         self.path = Some(path);
@@ -295,8 +295,8 @@ impl Executor {
         progress
     }
 
-    /// Moves the setpoint along the path at constant speed; true when its time is over. If an axis would coast beyond its
-    /// travel, and as the last step, the setpoint slows down at the end and the axes settle there.
+    /// Moves the setpoint along the path at constant speed; true when the step is done. In the last step, and in a step at whose
+    /// end an axis would coast beyond its travel, the setpoint decelerates and the axes settle before the step is done.
     fn ramp(
         &mut self,
         elapsed_us: u64,
@@ -309,15 +309,15 @@ impl Executor {
         let duration_us = u64::from(duration_ms) * 1_000;
         let (elapsed_s, duration_s) = (elapsed_us as f32 * 1e-6, duration_us as f32 * 1e-6);
         let speed_um_s = path.length_um / duration_s;
-        let rolls_out = !Mutation::RampEndsAtOnce.is_out()
+        let leaves_travel = !Mutation::RampEndsAtOnce.is_out()
             && path.at(1.0, speed_um_s).into_iter().any(|end| {
                 end.position_um * end.speed_um_s > 0.0
                     && end.position_um.abs() + RUN_ON_S * end.speed_um_s.abs() > self.travel_um
             });
         // The deceleration is centred on the end of the step's time.
-        let early_s = if last || rolls_out { 0.5 * speed_um_s / ACCELERATION_UM_S2 } else { 0.0 };
+        let early_s = if last || leaves_travel { 0.5 * speed_um_s / ACCELERATION_UM_S2 } else { 0.0 };
         let (path_fraction, speed_um_s, remaining_s) = if early_s > 0.0 && early_s >= duration_s {
-            // The path is too short to reach a constant speed.
+            // The deceleration would begin before the step: the setpoint follows the profile of a move.
             let profile = Profile::new(path.length_um, speed_um_s);
             let (profile_fraction, speed_um_s) = profile.at(elapsed_s);
             (profile_fraction, speed_um_s, profile.duration_s() - elapsed_s)
@@ -335,7 +335,7 @@ impl Executor {
         };
         self.setpoint = Some(path.at(path_fraction, speed_um_s));
         let arrived = remaining_s <= 0.0;
-        let settles = last || rolls_out;
+        let settles = last || leaves_travel;
         progress.timed_out = settles && -remaining_s > SETTLE_LIMIT_US as f32 * 1e-6;
         arrived && (!settles || (settled && elapsed_us >= 2 * u64::from(PERIOD_US)))
     }
@@ -355,7 +355,7 @@ impl Executor {
         self.setpoint = Some(path.at(path_fraction, speed_um_s));
         let arrived = elapsed_us as f32 >= duration_us;
         progress.timed_out = elapsed_us > (1.5 * duration_us) as u64 + SETTLE_LIMIT_US;
-        // The state of the axes lags by a period, so that a path that ends at once must not count as settled.
+        // `settled` is that of the period before, so that a path of no length must not count as settled at once.
         arrived && settled && elapsed_us >= 2 * u64::from(PERIOD_US)
     }
 

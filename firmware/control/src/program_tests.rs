@@ -1,4 +1,4 @@
-//! Programs: paths, times, and what is refused.
+//! Programs: paths, times and refusals.
 
 use super::*;
 
@@ -50,7 +50,7 @@ fn a_last_ramp_slows_down_and_ends_when_the_axes_have_settled() {
     for t_ms in 1..=1_400_u64 {
         assert!(!executor.advance(t_ms * 1_000, false, [0.0; 2]).completed);
         let [_, y] = executor.setpoint().unwrap();
-        // Even at 8 mm/s, then braked at 20 mm/s2; it never passes the end.
+        // Constant at 8 mm/s, then decelerated at 20 mm/s2; the setpoint never passes the end.
         assert!((-0.01..8.02).contains(&(y.position_um - previous_um)), "{y:?} at {t_ms}");
         if t_ms <= 800 {
             assert!((y.position_um - 8.0 * t_ms as f32).abs() < 0.1, "{y:?} at {t_ms}");
@@ -74,7 +74,7 @@ fn a_ramp_to_the_end_of_the_travel_slows_down_before_a_hold() {
         (1..2_000_u64).find(|t_ms| executor.advance(t_ms * 1_000, settled, [0.0; 2]).ended.is_some())
     };
     assert_eq!(ends_ms(9_500, false), Some(1_000));
-    // By v / 2 a later: 10 mm/s at 20 mm/s2; and not before it has settled.
+    // The end is later by v / 2 a (10 mm/s at 20 mm/s2), and not before the axes have settled.
     assert_eq!(ends_ms(-10_000, true), Some(1_250));
     assert_eq!(ends_ms(-10_000, false), None);
 }
@@ -111,13 +111,13 @@ fn steps_follow_each_other_without_a_period_lost() {
 }
 
 #[test]
-fn refuses_what_cannot_be_run() {
+fn steps_and_programs_that_cannot_run_are_refused() {
     let mut executor = Executor::new();
     let hold = Step::Hold { duration_ms: 5 };
     let beyond_travel = Step::Move { x_um: 0, y_um: TRAVEL_UM + 1, speed_um_s: 100 };
-    let still = Step::Move { x_um: 0, y_um: 0, speed_um_s: 0 };
+    let without_speed = Step::Move { x_um: 0, y_um: 0, speed_um_s: 0 };
     assert_eq!(executor.load(0, beyond_travel, TRAVEL_UM), Err(Refusal::OutOfTravel));
-    assert_eq!(executor.load(0, still, TRAVEL_UM), Err(Refusal::OutOfRange));
+    assert_eq!(executor.load(0, without_speed, TRAVEL_UM), Err(Refusal::OutOfRange));
     assert_eq!(executor.load(0, Step::Tare { duration_ms: 0 }, TRAVEL_UM), Err(Refusal::OutOfRange));
     assert_eq!(executor.load(MAX_STEPS as u8, hold, TRAVEL_UM), Err(Refusal::OutOfRange));
     assert_eq!(executor.load(0, hold, TRAVEL_UM), Ok(()));

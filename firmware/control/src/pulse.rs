@@ -4,17 +4,17 @@
 //! motor gets a low duty for at most [`PULSE_LIMIT_MS`], and the response of both potentiometers and both force channels is
 //! reported. Its bounds hold for any wiring error:
 //!
-//! | bound | ends the drive | holds where |
+//! | bound | ends the drive | holds if |
 //! |---|---|---|
 //! | [`REACHED_UM`] of the driven axis, either way | after 2 periods | its potentiometer works |
 //! | [`OTHER_UM`] of the other axis | after 2 periods | motors or potentiometers are swapped |
-//! | [`PULSE_FORCE_MN`] more or less than before, either channel | after 2 periods; 1 N on up to 8 N/mm | the converter works |
+//! | change of the force on either channel by [`PULSE_FORCE_MN`] | after 2 periods; less than 1 N on up to 8 N/mm | the converter works |
 //! | duty [`PULSE_DUTY_LIMIT_PERMILLE`], [`PULSE_LIMIT_MS`] | always: at most 0.29 mm of any actuator of the series | always |
 //!
 //! "After 2 periods" is the second reading beyond the bound, as everywhere in [`super::interlock`], whose causes end a pulse too.
-//! When the drive ends, the bridges are off. Pulses do not add up: until an axis has moved in its driven direction, a pulse is
-//! refused if the drive in its direction could exceed that in the other by more than [`NET_LIMIT_PERIODS`], counted over
-//! restarts too.
+//! After the drive the bridges are off. Pulses do not add up: until an axis has moved in its driven direction, a pulse is refused
+//! if the total drive in its direction could exceed that in the other direction by more than [`NET_LIMIT_PERIODS`]. The totals
+//! survive restarts.
 
 use super::axis::Axis;
 use super::limits::{LatestTwo, WINDOW_READINGS};
@@ -90,7 +90,9 @@ struct Running {
     /// Periods in the phase.
     periods: u16,
     before: Sums,
+    /// Means before the drive.
     from: Sample,
+    /// Largest change of each channel since then.
     most: Sample,
     after: Sums,
     beyond: [LatestTwo; 3],
@@ -135,12 +137,12 @@ impl Pulser {
         self.running.is_some()
     }
 
-    /// Begins a pulse. `position_um` and `travel_um` rely on the tables, which may be wrong; `proven` axes have moved in their
-    /// driven direction.
+    /// Begins a pulse. `position_um` and `travel_um` rely on the calibration, which may be wrong; `proven` axes have moved in
+    /// their driven direction.
     ///
     /// # Errors
-    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] for a pulse beyond the limits, [`Refusal::OutOfTravel`] for one that may leave the travel, or
-    /// where the direction has been used up.
+    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] for a pulse beyond the limits, [`Refusal::OutOfTravel`] for one that may leave the
+    /// travel, or whose direction has no drive left.
     pub fn begin(
         &mut self,
         pulse: Pulse,
@@ -299,7 +301,7 @@ impl Running {
         }
     }
 
-    /// Keeps the furthest reading of each channel.
+    /// Keeps the largest change of each channel.
     fn follow(&mut self, sample: &Sample) {
         let readings = sample.position_counts.iter().chain(&sample.force_counts);
         let start_counts = self.from.position_counts.iter().chain(&self.from.force_counts);
@@ -312,7 +314,7 @@ impl Running {
         }
     }
 
-    /// The bound that this sample exceeds as the second one.
+    /// The bound beyond which this sample is the second one.
     fn bound(&mut self, sample: &Sample) -> Option<PulseOutcome> {
         let moved = |axis: usize| {
             let position_count = sample.position_counts.get(axis).copied().unwrap_or(0);

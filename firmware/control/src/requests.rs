@@ -65,7 +65,7 @@ impl Controller {
     }
 
     /// Notes a keepalive: an accepted command of the connection that started the motion. Refused commands, and those of other
-    /// programs, do not show that the program which watches the guide still runs.
+    /// connections, do not show that the program which started it still runs.
     fn heard(&mut self, command: &Command, now_us: u64) {
         if matches!(command.request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
             self.mover = command.connection;
@@ -106,7 +106,7 @@ impl Controller {
                 Ok(())
             }
             Request::ClearFault if causes.first().is_some() => Err(Refusal::CauseRemains),
-            // A motor that still coasts, or that a shorted bridge drives, prevents it as well.
+            // A motor that still coasts, or that a shorted bridge drives, prevents clearing too.
             Request::ClearFault
                 if self.interlock.latched().is_some()
                     && !self.is_still()
@@ -142,7 +142,7 @@ impl Controller {
                 }
                 Ok(())
             }
-            // Carried out where the record can be handed out.
+            // `handle_command` carries it out, because it returns the record.
             Request::StoreCalibration { .. } => Ok(()),
         }
     }
@@ -157,7 +157,7 @@ impl Controller {
         if idle { Ok(()) } else { Err(Refusal::Busy) }
     }
 
-    /// Motion from rest.
+    /// Whether a program or a pulse may start.
     fn may_move(&self) -> Result<(), Refusal> {
         if let Some(fault) = self.interlock.latched() {
             return Err(Refusal::Faulted { fault });
@@ -172,7 +172,8 @@ impl Controller {
         Ok(())
     }
 
-    /// A restart would hide a fault. Only if a calibration can cause it, storing another one is the recovery.
+    /// Whether a calibration may be stored. While a fault is latched that is allowed only if a calibration can cause the fault, as
+    /// storing another one is then the recovery.
     fn may_store(&self) -> Result<(), Refusal> {
         self.while_idle()?;
         match self

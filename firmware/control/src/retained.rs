@@ -1,6 +1,6 @@
 //! State that survives a restart: the latched fault, the motors' use of their duty cycle, and the net drive of pulses.
 //!
-//! The board keeps it in memory that a reset does not clear. At power-on it is lost, so that the heat of the motors is unknown.
+//! The board keeps it in memory that a reset does not clear. At power-on it is lost, and the motors count as cool.
 
 use super::motor::{BUDGET_BYTES, DutyBudget};
 use super::pulse::NetDrive;
@@ -18,7 +18,7 @@ const NO_FAULT: u8 = u8::MAX;
 pub struct ControllerState {
     /// The latched fault.
     pub fault: Option<Fault>,
-    /// Record of how the motors x and y were driven.
+    /// Recent driving time of the motors x and y.
     pub budgets: [DutyBudget; 2],
     /// Net drive of x and y by pulses.
     pub pulsed: NetDrive,
@@ -33,7 +33,7 @@ impl Default for ControllerState {
 }
 
 impl ControllerState {
-    /// Its bytes.
+    /// The bytes that are retained.
     pub fn to_bytes(&self) -> [u8; RETAINED_BYTES] {
         let mut bytes = [0; RETAINED_BYTES];
         let (crc, content) = bytes.split_at_mut(CRC_BYTES);
@@ -73,12 +73,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_kept_is_read_back_and_what_is_damaged_is_not() {
+    fn a_retained_state_is_read_back_and_a_damaged_one_is_not() {
         for fault in Fault::ALL.into_iter().map(Some).chain([None]) {
             let mut budgets = [DutyBudget::new(), DutyBudget::new()];
             (0..12_345).for_each(|period| budgets[1].step(period % 3 == 0));
             let bytes = ControllerState { fault, budgets: budgets.clone(), pulsed: [-31, 500] }.to_bytes();
-            let restored = ControllerState::from_bytes(&bytes).expect("sound");
+            let restored = ControllerState::from_bytes(&bytes).expect("a valid state");
             assert_eq!((restored.fault, restored.pulsed), (fault, [-31, 500]));
             assert_eq!(
                 restored.budgets.each_ref().map(DutyBudget::used),

@@ -1,21 +1,22 @@
-//! Retreat: a slow motion that unloads the guide while the fault of the load is latched, for as long as the load falls.
+//! Retreat: a slow motion that unloads the guide while a fault from the load is latched, for as long as the load falls.
 //!
 //! Without it a lead screw would hold the guide under the load, and the cause of the fault would last for ever. A retreat leads
-//! towards the middle of the travel, where the needle is straight, and nowhere else. It ends once the load is below the limit,
-//! or when further motion does not reduce the load; then the needle's clamp has to be opened.
+//! towards the middle of the travel, where the needle is straight, and nowhere else. It ends at its target, once the load is below
+//! the limit, or when further motion does not reduce the load; in the last case the needle's clamp has to be opened.
 //!
 //! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole periods of the
 //!   mains at 50 Hz and at 60 Hz, so that hum cancels and white noise of 0.02 N becomes 2 mN. The magnitude over both axes
 //!   counts: where the axes are coupled, it can fall although the force along one of them rises.
-//! * **It rises**: no mean may exceed the least since the fault by [`RISE_PERCENT`] of the rated range. The first mean of a
-//!   retreat is taken at rest: it excludes the coasting of the motor, and includes the load that an interrupted retreat has
-//!   added. After two such rises no further retreat starts. One rise may be a sensor that failed in the meantime; many rises
-//!   would increase the load step by step where something else presses or the tables have the wrong sign. The coasting at the
-//!   end of a retreat that a rise has ended belongs to that rise.
+//! * **It rises**: a mean that exceeds the smallest one since the fault (or since the last rise) by [`RISE_PERCENT`] of the rated
+//!   range ends the retreat. After two such rises no further retreat moves. One rise may be a sensor that failed in the meantime;
+//!   many rises would increase the load step by step where something else presses or the tables have the wrong sign. The first
+//!   mean of a retreat is taken at rest: it excludes the coasting of the motor, and includes the load that an interrupted retreat
+//!   has added. If a rise has ended a retreat, what the motor coasts afterwards belongs to that rise.
 //! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means has to fall by [`PROGRESS_PERCENT`] of the
 //!   rated range, ten times the standard error of the line. The means are 25 um apart and span 0.3 mm, more than the play of
 //!   the mechanism.
-//! * **It is unknown** while the converter is saturated. Then only axes that have moved in their driven direction retreat.
+//! * **It is unknown** while there are no valid readings (saturated converter). Then a retreat moves only axes that have already
+//!   moved in their driven direction.
 
 use super::axis::Axis;
 use super::force::ForceChannel;
@@ -54,8 +55,8 @@ pub struct LoadMeter {
 }
 
 impl LoadMeter {
-    /// Takes a period. Returns the mean once in [`BLOCK_PERIODS`], or that there is none because fewer than half of the periods
-    /// have a reading.
+    /// Takes a period. At the end of every [`BLOCK_PERIODS`] returns their mean, or `Some(None)` if fewer than half of them have an
+    /// accepted reading.
     pub fn step(&mut self, force: &ForceChannel) -> Option<Option<Mean>> {
         if force.is_accepted() {
             for (sum, counts) in self.sums.iter_mut().zip(force.absolute_counts()) {
@@ -76,15 +77,15 @@ impl LoadMeter {
 /// Trend of the load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trend {
-    /// Go on.
+    /// Falling, or not yet decided: the retreat goes on.
     Falling,
     /// Below the limit, with a margin.
     Unloaded,
-    /// Stop.
+    /// Rising or not falling: the retreat stops.
     NotFalling,
 }
 
-/// The load on the way.
+/// Follows the load from a fault on, over its retreats.
 #[derive(Debug, Clone)]
 pub struct LoadWatch {
     /// Smallest load since the fault or since the last rise, counts.
@@ -103,12 +104,13 @@ impl LoadWatch {
         Self { least: f32::INFINITY, latest: HistoryBuf::new(), rises: 0, has_ended: false }
     }
 
-    /// Takes a mean from before or during a retreat, on a cell of this rated range, counts.
+    /// Takes a mean. `range`: rated range of the cell, counts; `moves`: the mean is from the motion of a retreat, not from the rest
+    /// before it.
     pub fn step(&mut self, [x, y]: Mean, range: f32, moves: bool) -> Trend {
         let load = libm::hypotf(x, y);
         let has_risen = load - self.least > range * RISE_PERCENT * 1e-2;
-        let rolled_on = !moves && core::mem::take(&mut self.has_ended);
-        if has_risen && !rolled_on {
+        let has_coasted = !moves && core::mem::take(&mut self.has_ended);
+        if has_risen && !has_coasted {
             self.rises = self.rises.saturating_add(1);
         }
         self.has_ended |= has_risen && moves;
@@ -163,7 +165,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Begin and end of the retreat, which never passes the middle of the travel.
+    /// Start and target of the retreat, which never passes the middle of the travel.
     fn retreat_path(&self) -> Result<([f32; 2], [f32; 2]), Refusal> {
         let start_um = self.axes.each_ref().map(Axis::position_um);
         let mut target_um = start_um;
@@ -182,7 +184,7 @@ impl Controller {
         self.watches.iter().zip(self.retreat_by_um).all(|(watch, by_um)| by_um == 0 || watch.is_proven())
     }
 
-    /// Starts, follows and ends a retreat by the force of a period.
+    /// Starts the motion of a retreat, follows the load during it, and ends it.
     pub(super) fn follow_load(&mut self, causes: StopCauses, now_us: u64, notes: &mut OutboundMessages) {
         if self.executor.phase() != Phase::Retreating {
             return;
@@ -254,8 +256,8 @@ mod tests {
 
     const RANGE: f32 = 100_000.0;
 
-    /// Means from 5.1 N on, each by so many counts more; what it comes to, and after how many.
-    fn way(by_counts: f32) -> (Trend, usize) {
+    /// Trend of means that start at 5.1 N and change by this number of counts each, and the number of means until it is decided.
+    fn trend_of(by_counts: f32) -> (Trend, usize) {
         let mut watch = LoadWatch::new();
         let load = |block: usize| [0.0, 102_000.0 + by_counts * block as f32];
         let mut trends = (0..40).map(|block| watch.step(load(block), RANGE, block > 0));
@@ -264,17 +266,17 @@ mod tests {
     }
 
     #[test]
-    fn the_way_out_is_gone_to_its_end_and_the_wrong_one_is_not() {
+    fn a_retreat_continues_while_the_load_falls_and_stops_otherwise() {
         // A mean is 25 um: 0.1 N/mm are 50 counts.
-        assert_eq!(way(-50.0), (Trend::Falling, 40));
-        assert_eq!(way(-30.0), (Trend::NotFalling, TREND_BLOCKS));
-        assert_eq!(way(0.0), (Trend::NotFalling, TREND_BLOCKS));
-        assert_eq!(way(500.0), (Trend::NotFalling, 4));
+        assert_eq!(trend_of(-50.0), (Trend::Falling, 40));
+        assert_eq!(trend_of(-30.0), (Trend::NotFalling, TREND_BLOCKS));
+        assert_eq!(trend_of(0.0), (Trend::NotFalling, TREND_BLOCKS));
+        assert_eq!(trend_of(500.0), (Trend::NotFalling, 4));
     }
 
-    /// By 25 um a mean on 1 N/mm, to their end or stopped after a few means.
+    /// Retreats into a load of 1 N/mm, 25 um per mean, which end by themselves or are stopped after a few means.
     #[test]
-    fn retreats_do_not_add_up_to_a_way_into_the_load() {
+    fn repeated_retreats_do_not_increase_the_load_without_bound() {
         for means in [1, 2, 40] {
             let (mut watch, mut load) = (LoadWatch::new(), 100_000.0);
             for _ in 0..100 {
@@ -289,22 +291,22 @@ mod tests {
         }
     }
 
-    /// A sensor that fails once, and what the motor rolls on then, is one rise.
+    /// The load rises in a retreat, and rises further while the motor coasts: that is one rise.
     #[test]
-    fn what_rolls_on_after_a_rise_is_no_second_one() {
+    fn coasting_after_a_rise_is_no_second_rise() {
         let mut watch = LoadWatch::new();
         let mut step = |load: f32, moves| watch.step([0.0, load], RANGE, moves);
         assert_eq!(step(44_000.0, false), Trend::Falling);
         assert_eq!(step(34_000.0, true), Trend::Falling);
         assert_eq!(step(40_000.0, true), Trend::NotFalling);
-        assert_eq!(step(42_000.0, false), Trend::Falling, "the next retreat sets out");
+        assert_eq!(step(42_000.0, false), Trend::Falling, "the next retreat starts");
         assert_eq!(step(41_000.0, true), Trend::Falling);
         assert_eq!(step(43_000.0, true), Trend::NotFalling);
         assert_eq!(step(43_000.0, false), Trend::NotFalling, "it has risen twice");
     }
 
     #[test]
-    fn what_presses_less_in_all_falls_though_it_rises_along_one_axis() {
+    fn a_load_falls_by_its_magnitude_though_it_rises_along_one_axis() {
         let mut watch = LoadWatch::new();
         let mut trends = (0..40_u8)
             .map(f32::from)

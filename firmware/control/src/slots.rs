@@ -1,8 +1,8 @@
 //! Non-volatile storage of a calibration, in one of two slots, each with a flash page of its own.
 //!
-//! A new record goes into the slot that the device does not work with, under the next sequence number; the newest sound
-//! one counts. Wherever power fails during a write, one slot is unchanged. A slot with content that is neither valid nor erased
-//! means that a calibration was lost. That holds beside a valid slot too, because the damaged one may have been the newer one.
+//! A new record goes into the slot that is not in use, with the next sequence number; the device uses the newest valid record.
+//! Wherever power fails during a write, one slot is unchanged. A slot with content that is neither valid nor erased means that a
+//! calibration was lost. That holds beside a valid slot too, because the damaged one may have been the newer one.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -23,7 +23,7 @@ use crate::Origin;
 use crate::calibration::Calibration;
 use protocol::{CalibrationRecord, MAX_CALIBRATION, calibration_crc};
 
-/// Slots.
+/// Number of slots.
 pub const SLOTS: usize = 2;
 /// Bytes of a slot, filled up to whole units of the flash.
 pub const STORED_BYTES: usize = (HEAD_BYTES + SEQUENCE_BYTES + MAX_CALIBRATION).next_multiple_of(8);
@@ -70,7 +70,7 @@ pub fn from_stored(stored: &[u8; STORED_BYTES]) -> Option<(CalibrationRecord, u3
     Some((CalibrationRecord::decode(record)?, u32::from_le_bytes(*sequence)))
 }
 
-/// Record that the device works with, and the slot of the next one.
+/// Calibration that the device uses, and the slot of the next one.
 #[derive(Debug, Clone)]
 pub struct SlotChoice {
     /// The calibration.
@@ -100,21 +100,21 @@ fn read(stored: &[u8; STORED_BYTES]) -> Option<(u32, Calibration)> {
     Some((sequence, Calibration::new(record).ok()?))
 }
 
-/// The newest sound calibration.
+/// Chooses the newest valid calibration; without one, that of the rig as designed.
 pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> SlotChoice {
-    let sound = slots.iter().enumerate().filter_map(|(slot, stored)| {
+    let valid = slots.iter().enumerate().filter_map(|(slot, stored)| {
         let (sequence, calibration) = read(stored)?;
         Some((slot, sequence, calibration))
     });
-    if let Some((slot, sequence, calibration)) = sound.max_by_key(|(_, sequence, _)| *sequence) {
+    if let Some((slot, sequence, calibration)) = valid.max_by_key(|(_, sequence, _)| *sequence) {
         let next = NextSlot { slot: (slot + 1) % SLOTS, sequence: sequence.saturating_add(1) };
-        let explained = slots.iter().all(|stored| is_erased(stored) || read(stored).is_some());
-        let origin = if explained { Origin::Stored } else { Origin::Earlier };
+        let is_intact = slots.iter().all(|stored| is_erased(stored) || read(stored).is_some());
+        let origin = if is_intact { Origin::Stored } else { Origin::Earlier };
         return SlotChoice { calibration, origin, next };
     }
     let damaged = slots.iter().position(|stored| !is_erased(stored));
     let origin = if damaged.is_none() { Origin::Nominal } else { Origin::Lost };
-    // The next record replaces the damaged slot, because a damaged slot beside it might count as the newer one.
+    // The next record replaces the damaged one, because a damaged record beside it would count as a loss.
     let next = NextSlot { slot: damaged.unwrap_or(0), sequence: 1 };
     SlotChoice { calibration: Calibration::default(), origin, next }
 }
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_read_back_and_what_is_damaged_is_not() {
+    fn a_stored_record_is_read_back_and_a_damaged_one_is_not() {
         let record = named("unit-7");
         let stored = to_stored(&record, 77);
         assert_eq!(from_stored(&stored), Some((record.clone(), 77)));
@@ -165,7 +165,7 @@ mod tests {
 
     /// A record of the previous version, in its only page, which is the second slot.
     #[test]
-    fn the_format_before_is_read_and_is_the_older_one() {
+    fn the_previous_format_is_read_and_is_the_older_one() {
         let mut buffer = [0; MAX_CALIBRATION];
         let record = named("unit-6");
         let bytes = record.encode(&mut buffer);
@@ -181,13 +181,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_nominal_and_anything_that_is_no_calibration_is_a_loss() {
+    fn erased_slots_give_the_nominal_calibration_and_any_other_content_is_a_loss() {
         let erased = [ERASED; STORED_BYTES];
         assert_eq!(id(&[erased, erased]), ("nominal".into(), Origin::Nominal));
         let mut damaged = to_stored(&named("unit-7"), 1);
         damaged[40] ^= 1;
         assert_eq!(id(&[damaged, erased]), ("nominal".into(), Origin::Lost));
-        // Constants that no rig has, as an earlier firmware took them.
+        // Constants that no rig has, which an earlier firmware accepted.
         let mut implausible = named("unit-7");
         implausible.force_pn_per_code = [[931, 0], [0, 931]];
         assert_eq!(id(&[erased, to_stored(&implausible, 1)]), ("nominal".into(), Origin::Lost));
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn one_bit_of_the_newest_calibration_is_not_lost_in_silence() {
+    fn a_damaged_bit_of_the_newest_calibration_is_reported() {
         let slots = [to_stored(&named("unit-5"), 1), to_stored(&named("unit-7"), 2)];
         assert_eq!(id(&slots), ("unit-7".into(), Origin::Stored));
         for byte in 0..STORED_BYTES {
@@ -209,8 +209,8 @@ mod tests {
         }
     }
 
-    /// Power fails at every erase and write boundary, and in the middle of each: a page that is erased in part, a double word that
-    /// holds anything.
+    /// Power fails before, after and in the middle of every erase and write, which leaves a page that is erased in part, or a double
+    /// word of arbitrary content.
     #[test]
     fn wherever_power_fails_the_old_or_the_new_calibration_is_there() {
         let mut slots = [[ERASED; STORED_BYTES]; SLOTS];
@@ -224,7 +224,7 @@ mod tests {
             let old_slot = slots[next.slot];
             let mut page = old_slot;
             for cut in [8, 64, 100, STORED_BYTES] {
-                // Erasing takes any part first.
+                // Erasing may begin with any part of the page.
                 let (mut head, mut tail) = (old_slot, old_slot);
                 head[..cut].fill(ERASED);
                 tail[STORED_BYTES - cut..].fill(ERASED);
@@ -255,7 +255,7 @@ mod tests {
                     loaded_record.id.as_str()
                 );
                 found_new += u32::from(*loaded_record == new);
-                // Written again after that, it is there.
+                // A record that is stored after the cut is the one that is read.
                 cut_off[choice.next.slot] = to_stored(&new, choice.next.sequence);
                 assert_eq!(*choose(&cut_off).calibration.record(), new, "cut {cut}");
             }

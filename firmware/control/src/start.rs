@@ -24,7 +24,7 @@ pub const DESCRIPTION: Description = Description {
 pub struct Start {
     /// Identity of the boot.
     pub boot_id: u32,
-    /// Whether the previous run ended abnormally, which has to be acknowledged before anything moves.
+    /// Whether the previous run ended abnormally: the host has to clear the fault that reports it before anything moves.
     pub restarted: bool,
     /// Source of the calibration.
     pub origin: Origin,

@@ -1,13 +1,13 @@
 //! Counts the starts of a chip in its flash, so that no token of one start is valid in another.
 //!
-//! Each start writes its number behind that of the one before, in one of two flash pages; when a page is full, the other one is
-//! erased. A number is stored with its complement, so that one which a power cut has damaged is recognized and skipped.
-//! Wherever power fails, the largest number so far is in a page that is not erased. A page holds 64 numbers and endures 10,000
+//! Each start writes its number behind that of the previous start, in one of two flash pages; when a page is full, the other one
+//! is erased. A number is stored with its complement, so that one which a power cut has damaged is recognized and skipped.
+//! Wherever power fails, the largest number so far is in the page that is not being erased. A page holds 64 numbers and endures 10,000
 //! erasures, so that the two pages count 1.28 million starts.
 
 use crate::commands::TOKENS;
 
-/// Pages.
+/// Number of pages.
 pub const PAGES: usize = 2;
 /// Number of used bytes of a page.
 pub const PAGE_BYTES: usize = 512;
@@ -15,7 +15,7 @@ pub const PAGE_BYTES: usize = 512;
 const ENTRY_BYTES: usize = 8;
 /// Byte of erased flash.
 const ERASED: u8 = 0xFF;
-/// Bound of the numbers: the number of blocks of tokens.
+/// Number of different start numbers: 2^32 tokens in blocks of [`TOKENS`].
 const NUMBERS: u32 = (1 << 31) / (TOKENS / 2);
 
 /// The number of a start, and where it is written.
@@ -54,10 +54,10 @@ fn largest(page: &[u8; PAGE_BYTES]) -> Option<u32> {
 /// The number of this start.
 pub fn next(pages: &[[u8; PAGE_BYTES]; PAGES]) -> NextStart {
     let [first, second] = pages;
-    // The numbers wrap, long after the flash has worn out.
+    // The numbers wrap after [`NUMBERS`] starts, fewer than the flash is rated for.
     let count = largest(first).max(largest(second)).map_or(0, |count| (count + 1) % NUMBERS);
     let (page, bytes) = if largest(second) > largest(first) { (1, second) } else { (0, first) };
-    // The number is written behind all used bytes, those of a power cut included.
+    // The number is written behind all used entries, including those that a power cut has damaged.
     let used_entries = bytes
         .chunks_exact(ENTRY_BYTES)
         .rposition(|entry| entry.iter().any(|byte| *byte != ERASED))
@@ -74,7 +74,8 @@ mod tests {
 
     type Pages = [[u8; PAGE_BYTES]; PAGES];
 
-    /// Carries out what is to be written, up to a power cut after so many steps of it; what a cut step leaves is garbage.
+    /// Writes a number. `cut`: power fails in the erasure (0), which clears a part of the page, or in the write (1), which leaves a part
+    /// of the entry.
     fn write(pages: &mut Pages, next: NextStart, cut: Option<usize>) {
         if next.erases {
             if cut == Some(0) {
@@ -98,15 +99,15 @@ mod tests {
         }
     }
 
-    /// No number that was handed out before comes again, wherever power fails at a start.
+    /// No number of an earlier completed start is repeated, wherever power fails at a start.
     #[test]
-    fn a_start_that_is_cut_off_repeats_none_before_it() {
+    fn no_number_is_repeated_after_a_power_cut() {
         let mut pages = [[ERASED; PAGE_BYTES]; PAGES];
         let mut greatest = None;
         for round in 0..2_000 {
             let next = next(&pages);
             assert!(Some(next.count) > greatest, "{} after {greatest:?}, round {round}", next.count);
-            // Power fails in some starts: before the device has answered anyone.
+            // Power fails in some starts, before the device has answered any host.
             match round % 7 {
                 3 => write(&mut pages, next, Some(0)),
                 5 => write(&mut pages, next, Some(1)),
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn pages_of_anything_are_counted_in() {
+    fn pages_with_arbitrary_content_are_usable() {
         let mut pages = [[0x5A; PAGE_BYTES]; PAGES];
         let first = next(&pages);
         assert_eq!((first.count, first.offset, first.erases), (0, 0, true));

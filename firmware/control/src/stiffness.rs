@@ -1,9 +1,9 @@
 //! Online estimate of the lateral stiffness: a straight line through force against displacement, one per axis.
 //!
-//! Least squares by orthogonal rotations: the triangle `[R | z; 0 | r]` of the rows `[1, u, f]` (displacement, force) takes each
-//! new row with two Givens rotations. The slope is `z₂ / R₂₂`, its standard error `s / R₂₂` with `s² = r² / (n - 2)`: the
-//! square root of the normal equations, whose digits single precision would not hold. Readings are those of the decimating
-//! filters, taken at every second output, where the filters' windows no longer overlap and the noise is white again.
+//! Least squares by a QR factorization: two Givens rotations add each new row `[1, u, f]` (displacement, force) to the triangular
+//! factor `[R | z; 0 | r]`. The slope is `z₂ / R₂₂`, its standard error `s / R₂₂` with `s² = r² / (n - 2)`. The factor is the
+//! square root of the normal equations, for which single precision has too few digits. Readings are every second output of the
+//! decimating filters: their windows do not overlap, so that their noise is white.
 //!
 //! The slope checks the quality of a running measurement (needle clamped, tissue in contact, line straight). It is not the
 //! measurement, as it includes relaxation, needle and guide. It restarts with every tare.
@@ -170,7 +170,7 @@ mod tests {
             stated += f64::from(y.sd_mn_per_m) / runs as f64;
             assert!((190..=200).contains(&y.readings), "{}", y.readings);
         }
-        // A chi-square of 200: its mean is known to 10 %.
+        // The mean of 200 squares has a standard error of 10 %.
         let ratio = squares / runs as f64;
         assert!((0.75..1.3).contains(&ratio), "squared error in squared standard errors: {ratio}");
         // 5 mN times the noise gain 0.259, over 199 readings with a spread of 0.29 mm: 0.32 N/m.

@@ -14,7 +14,7 @@ pub struct Incoming {
 }
 
 impl Incoming {
-    /// Empty transfer.
+    /// A transfer without any piece.
     pub const fn new() -> Self {
         Self { pieces: [[0; PIECE_BYTES]; PIECES] }
     }

@@ -1,13 +1,13 @@
-//! Finding the zero of the force channels, and its quality.
+//! The tare: a new zero of the force channels, and its quality.
 //!
-//! Sums are exact integers about the first reading; the result is computed once, at the end.
+//! The sums are exact integers of the deviations from the first reading; the result is computed once, at the end.
 
 use super::round;
 use crate::calibration::counts_of_mn;
 use protocol::{TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, Tare, TareProblem, UNIQUE_CODES};
 
-/// Problem of a tare on a cell of this rated range. A zero under load would hide that load from the measured and the limited
-/// force; a force that still settles gives a zero that is not repeatable.
+/// Problem of a tare on a cell of this rated range. A zero under load would hide that load from the measured force; a force that
+/// still settles gives a zero that is not repeatable.
 pub fn problem(tare: &Tare, range_mn: u32, periods_per_s: f64) -> Option<TareProblem> {
     let range = f64::from(counts_of_mn(range_mn));
     let exceeds = |counts: f64, percent: u32| counts.abs() > range * f64::from(percent) * 1e-2;
@@ -31,7 +31,7 @@ struct Channel {
     first: i64,
     sum: i64,
     sum_squares: i64,
-    /// Sum of period times deviation.
+    /// Sum of the products of period number and deviation.
     sum_moments: i64,
     codes: heapless::Vec<i32, { UNIQUE_CODES as usize }>,
 }
@@ -41,26 +41,26 @@ struct Channel {
 pub struct Taring {
     periods: u32,
     readings: u32,
-    /// Sum and sum of squares of the periods with a reading.
+    /// Sum and sum of squares of the numbers of the periods with a reading.
     sum_times: i64,
     sum_squared_times: i64,
     channels: [Channel; 2],
 }
 
 /// Mean, standard deviation about the drift, and drift per period, in counts.
-struct Found {
+struct LineFit {
     mean: f64,
     sd: f64,
     drift: f64,
 }
 
 impl Taring {
-    /// A period without a valid reading.
+    /// Counts a period without a valid reading.
     pub fn miss(&mut self) {
         self.periods = self.periods.saturating_add(1);
     }
 
-    /// The reading of a period: force relative to the zero until now, and the converter's codes.
+    /// Adds the reading of a period: force relative to the present zero, and the converter's codes.
     pub fn add(&mut self, relative_counts: [i32; 2], codes: [i32; 2]) {
         let time = i64::from(self.periods);
         for ((channel, counts), code) in self.channels.iter_mut().zip(relative_counts).zip(codes) {
@@ -83,7 +83,7 @@ impl Taring {
         self.readings = self.readings.saturating_add(1);
     }
 
-    /// The result, given the present zeros, which stay where there was no reading. `periods_per_s`: control periods per second.
+    /// The result, given the present zeros, which stay if there was no reading.
     pub fn finish(&self, zero_counts: [i32; 2], periods_per_s: f64) -> Tare {
         let mut tare = Tare {
             zero_counts,
@@ -97,19 +97,19 @@ impl Taring {
             return tare;
         }
         let [x, y] = &self.channels;
-        let (x, y) = ((self.found(x), x), (self.found(y), y));
-        let zero = |before: i32, (found, channel): &(Found, &Channel)| {
-            before.saturating_add(channel.first as i32).saturating_add(round(found.mean as f32))
+        let (x, y) = ((self.line_fit(x), x), (self.line_fit(y), y));
+        let zero = |before: i32, (fit, channel): &(LineFit, &Channel)| {
+            before.saturating_add(channel.first as i32).saturating_add(round(fit.mean as f32))
         };
         let [zero_x, zero_y] = zero_counts;
         tare.zero_counts = [zero(zero_x, &x), zero(zero_y, &y)];
-        tare.sd_counts = [&x, &y].map(|(found, _)| round(found.sd as f32) as u32);
-        tare.drift_counts_per_s = [&x, &y].map(|(found, _)| round((found.drift * periods_per_s) as f32));
+        tare.sd_counts = [&x, &y].map(|(fit, _)| round(fit.sd as f32) as u32);
+        tare.drift_counts_per_s = [&x, &y].map(|(fit, _)| round((fit.drift * periods_per_s) as f32));
         tare.unique_codes = [&x, &y].map(|(_, channel)| channel.codes.len() as u8);
         tare
     }
 
-    fn found(&self, channel: &Channel) -> Found {
+    fn line_fit(&self, channel: &Channel) -> LineFit {
         let readings = f64::from(self.readings);
         let [sum, squares, moments, times, squared_times] =
             [channel.sum, channel.sum_squares, channel.sum_moments, self.sum_times, self.sum_squared_times]
@@ -120,7 +120,7 @@ impl Taring {
         let drift = if spread > 0.0 { moment / spread } else { 0.0 };
         let residual = (squares - sum * mean - drift * moment).max(0.0);
         let sd = if self.readings > 2 { libm::sqrt(residual / (readings - 2.0)) } else { 0.0 };
-        Found { mean, sd, drift }
+        LineFit { mean, sd, drift }
     }
 }
 

@@ -26,7 +26,7 @@ pub trait Outbox {
 /// Number of places that batches may not take.
 pub const RESERVED_FOR_MESSAGES: usize = 8;
 
-/// The way from the controller to the outbox.
+/// Packs the controller's samples and puts batches and messages into the outbox.
 #[derive(Debug)]
 pub struct Telemetry {
     packer: Packer,
@@ -55,24 +55,23 @@ impl Telemetry {
     /// Queues the output of one period; `t_us` is its device time.
     pub fn send(&mut self, t_us: u64, outputs: &Outputs, outbox: &mut impl Outbox) {
         for note in &outputs.notes {
-            // Samples before an answer or an event are sent before it; the periodic state does not wait.
+            // The samples before an answer or an event are sent before it; for the periodic state the batch is not cut short.
             let report = matches!(note, OutboundMessage::Report(_) | OutboundMessage::SafetyReport(_));
             if !report && let Some(batch) = self.packer.flush() {
                 self.batch(batch, outbox);
             }
-            // A periodic state may be dropped: the next one supersedes it.
-            let may_wait = report && outbox.room() <= RESERVED_FOR_MESSAGES;
+            // A periodic state is dropped where there is little room: the next one supersedes it.
+            let is_superseded = report && outbox.room() <= RESERVED_FOR_MESSAGES;
             if let OutboundMessage::Stream(enable) = note {
                 self.streaming = *enable;
-            } else if may_wait {
+            } else if is_superseded {
                 continue;
             } else if !outbox.put(Item::OutboundMessage(*note)) {
                 self.messages_dropped = self.messages_dropped.saturating_add(1);
             }
         }
         if self.streaming {
-            // Dropped samples are written into a batch when it leaves, so their number is the same for all
-            // samples here.
+            // The number of dropped samples is set when the batch is queued; here it is the same for all samples.
             let batch = self.packer.push(t_us, outputs.state, outputs.step, 0, outputs.sample);
             if let Some(batch) = batch {
                 self.batch(batch, outbox);
@@ -136,7 +135,7 @@ mod tests {
 
     proptest! {
         /// However much the link takes and when: every sample arrives once and in order, or lies in a gap whose length the next
-        /// batch reports; answers stand after the samples that were before them.
+        /// batch reports.
         #[test]
         fn every_sample_arrives_or_is_counted_before_the_next_batch(
             takes in prop::collection::vec((0_usize..3, any::<bool>(), prop::option::of(0_u16..4)), 50..600),
@@ -152,7 +151,7 @@ mod tests {
                     arrived.extend((0..take).filter_map(|_| queue.items.pop_front()));
                 }
             }
-            // The host goes away, the outbox drains, and what is still in the packer is flushed by an answer.
+            // The outbox drains, and the next message flushes the rest of the packer.
             arrived.extend(queue.items.drain(..));
             telemetry.send(1_000_000_000, &outputs(1_000_000, &[OutboundMessage::Stream(false)]), &mut queue);
             arrived.extend(queue.items.drain(..));
@@ -173,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn notes_have_places_that_batches_cannot_take() {
+    fn messages_have_places_that_batches_cannot_take() {
         let mut telemetry = Telemetry::new();
         let mut queue = Queue { items: VecDeque::new(), places: RESERVED_FOR_MESSAGES + 2 };
         telemetry.send(0, &outputs(0, &[OutboundMessage::Stream(true)]), &mut queue);

@@ -20,7 +20,7 @@ const BOOT: u32 = 42;
 /// Greatest code of the force converter.
 const CODE_MAX: i32 = 0x7F_FFFF;
 
-/// A controller with whom a host has just connected; the token.
+/// A controller to which a host has just connected, and the token of the connection.
 fn connected(calibration: Calibration, start: Start) -> (Controller, u32) {
     let mut controller = Controller::new(calibration, start);
     let token = controller.conversation.begin();
@@ -39,11 +39,11 @@ struct Bench {
     /// Force added to that of the springs, newtons.
     push_n: [f32; 2],
     force_stuck: bool,
-    /// Noise of a reading, and amplitude of the mains on it, newtons.
+    /// Noise of a reading, and amplitude of the hum, newtons.
     noise_n: f32,
     hum_n: f32,
     potentiometer_codes: Option<[u16; 2]>,
-    /// Share of the speed that the motors really have.
+    /// Speed of the motors as a fraction of the nominal one.
     strength: f32,
     /// The bridge of y is stuck at this duty.
     runaway: Option<f32>,
@@ -384,7 +384,7 @@ fn any_frame() -> impl Strategy<Value = std::vec::Vec<u8>> {
     )
 }
 
-/// Bytes as a mad host or a bad line brings them.
+/// Bytes of a faulty host or a bad line.
 fn any_bytes() -> impl Strategy<Value = std::vec::Vec<u8>> {
     let damaged =
         (any_frame(), any::<prop::sample::Index>(), any::<u8>()).prop_map(|(mut bytes, at, flip)| {
@@ -411,7 +411,7 @@ impl telemetry::Outbox for Sink {
 }
 
 proptest! {
-    /// From the bytes on the line to the duty of the bridges: nothing that arrives panics, or drives in a fault.
+    /// From the bytes on the line to the duty of the bridges: no bytes cause a panic, or a drive in a fault.
     #[test]
     fn no_bytes_panic_and_no_bytes_drive_in_a_fault(bytes in any_bytes(), readings in any_readings()) {
         let mut receiver = protocol::CommandReceiver::new();

@@ -2,8 +2,8 @@ use super::*;
 
 const PULSE: Pulse = Pulse { axis: 0, duty_permille: 350, periods: 50 };
 
-/// A pulse on motors of this dead band and speed whose potentiometers and cell read what `sense` makes of the true positions: the
-/// report, the furthest true position and the periods from the first reading beyond `mark_um` to the drive's end.
+/// Runs a pulse on motors of this dead band and speed; `sense` converts the true positions to readings. Returns the report and
+/// the largest true distance from the start.
 fn run(pulse: Pulse, unit: (f32, f32), sense: impl Fn([f32; 2]) -> Sample) -> (PulseReport, f32) {
     let mut pulser = Pulser::new([0; 2]);
     pulser.begin(pulse, [0.0; 2], 10_000.0, [false; 2]).expect("within the limits");
@@ -25,7 +25,7 @@ fn run(pulse: Pulse, unit: (f32, f32), sense: impl Fn([f32; 2]) -> Sample) -> (P
     panic!("it does not end");
 }
 
-fn sound(at: [f32; 2]) -> Sample {
+fn wired_correctly(at: [f32; 2]) -> Sample {
     Sample {
         position_counts: at.map(|um| um as i32),
         force_counts: at.map(|um| (0.4 * um) as i32),
@@ -43,7 +43,7 @@ fn moves_every_unit_enough_and_none_too_far() {
     ] {
         for duty_permille in [350, -350] {
             let (report, furthest_um) = run(Pulse { duty_permille, ..PULSE }, unit, |at: [f32; 2]| {
-                if swap { sound([at[1], at[0]]) } else { sound(at) }
+                if swap { wired_correctly([at[1], at[0]]) } else { wired_correctly(at) }
             });
             assert!((80.0..=220.0).contains(&furthest_um), "{furthest_um} um by {unit:?}");
             let moved = report.moved_counts[usize::from(swap)];
@@ -64,9 +64,9 @@ fn stays_within_the_bound_without_any_feedback() {
 fn names_the_bound_that_ended_it() {
     let unit = (0.12, 22_000.0);
     let outcome = |sense: fn([f32; 2]) -> Sample| run(PULSE, unit, sense).0.outcome;
-    assert_eq!(outcome(sound), PulseOutcome::Reached);
-    assert_eq!(outcome(|at| sound([at[1], at[0]])), PulseOutcome::OtherAxis);
-    assert_eq!(outcome(|at| sound([-at[0], 0.0])), PulseOutcome::Reached);
+    assert_eq!(outcome(wired_correctly), PulseOutcome::Reached);
+    assert_eq!(outcome(|at| wired_correctly([at[1], at[0]])), PulseOutcome::OtherAxis);
+    assert_eq!(outcome(|at| wired_correctly([-at[0], 0.0])), PulseOutcome::Reached);
     let (report, furthest_um) = run(PULSE, unit, |at: [f32; 2]| Sample {
         force_counts: [0, (at[0] * 200.0) as i32],
         ..Sample::default()
@@ -82,7 +82,7 @@ fn changes_no_force_by_more_than_a_newton_up_to_the_stated_stiffness() {
             // 50 uN a count: 20 counts per micrometre are 1 N/mm.
             let (report, furthest_um) = run(PULSE, unit, |at: [f32; 2]| Sample {
                 force_counts: at.map(|um| (um * 20.0 * stiffness_n_per_mm as f32) as i32),
-                ..sound(at)
+                ..wired_correctly(at)
             });
             let most_n = furthest_um * 1e-3 * stiffness_n_per_mm as f32;
             assert!(most_n < 1.0, "{most_n} N on {stiffness_n_per_mm} N/mm: {report:?}");
@@ -120,7 +120,7 @@ fn refuses_what_is_beyond_its_limits_and_what_adds_up() {
     assert_eq!(pulsed(350, true), Ok(()));
     assert_eq!([pulsed(-350, false), pulsed(-350, false), pulsed(-350, false)], [Ok(()); 3]);
     assert_eq!(pulsed(-350, false), Err(Refusal::OutOfTravel));
-    // One that a restart cuts short counts in full.
+    // A pulse that a restart cuts short counts in full.
     let mut pulser = Pulser::new([0; 2]);
     pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]).expect("begins");
     let mut restarted = Pulser::new(pulser.net());
@@ -130,7 +130,7 @@ fn refuses_what_is_beyond_its_limits_and_what_adds_up() {
 }
 
 #[test]
-fn a_stop_ends_it_in_its_midst() {
+fn a_stop_ends_a_pulse_under_way() {
     let mut pulser = Pulser::new([0; 2]);
     pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]).expect("begins");
     assert_eq!(pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]), Err(Refusal::Busy));

@@ -1,9 +1,8 @@
-//! Readings that no motion explains. The crate `sequences` has the effect of patterns of failing sensors on the true
-//! force.
+//! Readings that no motion explains. The crate `sequences` tests how patterns of failing sensors affect the true force.
 
 use super::*;
 
-/// A dead channel that has noise, and one whose false readings have: no code is repeated, but no motion explains the jumps.
+/// A channel reads the noise of an unloaded cell, always or now and then: no code is repeated, but no motion explains the jumps.
 #[test]
 fn readings_that_no_motion_explains_are_a_fault_while_moving() {
     for (every, within) in [(1, 2), (2, 4), (3, 6)] {
@@ -21,7 +20,7 @@ fn readings_that_no_motion_explains_are_a_fault_while_moving() {
         }
         assert_eq!(bench.controller.interlock.latched(), Some(Fault::ForceSensor));
     }
-    // At rest a hand may load the needle as fast as it likes.
+    // At rest a hand may load the needle at any rate.
     let mut bench = Bench::new();
     bench.run(&[Step::Hold { duration_ms: 1_000 }]);
     bench.push_n = [1.5; 2];

@@ -1,10 +1,10 @@
-//! Every fault from its cause: when it is latched, that nothing is driven from then on, and what it takes to clear it.
+//! Every fault from its cause: the time until it is latched, no drive from then on, and the conditions to clear it.
 
 use super::*;
 use crate::limits::{DOUBTFUL_READINGS, EVIDENCE_READINGS, FORCE_READINGS};
 use crate::motor::{COOLED_SHARE, ON_LIMIT_PERIODS, STALL_PERIODS};
 
-/// A bench whose guide is on its way.
+/// A bench whose guide is moving.
 fn moving() -> Bench {
     let mut bench = Bench::new();
     bench.position_um = [0.0; 2];
@@ -13,7 +13,7 @@ fn moving() -> Bench {
     bench
 }
 
-/// Periods until the fault is latched, at most so many; the bridges must be off in that same period and stay so.
+/// Number of periods until the fault is latched, at most `most`; the bridges must be off in the same period and stay off.
 fn periods_to(bench: &mut Bench, fault: Fault, most: u32) -> u32 {
     for period in 1..=most {
         let outputs = bench.period(None);
@@ -31,7 +31,7 @@ fn periods_to(bench: &mut Bench, fault: Fault, most: u32) -> u32 {
     panic!("no fault in {most} periods");
 }
 
-/// The cause is there: not cleared. It is gone: cleared, and nothing moves by itself.
+/// A clear is refused while the cause exists and accepted once it is gone; the guide does not move by itself afterwards.
 fn clears_only_without(bench: &mut Bench, remove: impl FnOnce(&mut Bench)) {
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
     remove(bench);
@@ -41,7 +41,7 @@ fn clears_only_without(bench: &mut Bench, remove: impl FnOnce(&mut Bench)) {
     assert_eq!((outputs.state, outputs.drive), (State::Idle, Drive::Release));
 }
 
-/// An axis that rolls on, or whose bridge is shorted, keeps the fault until it stands.
+/// An axis that coasts, or whose bridge is shorted, keeps the fault until it is at rest.
 #[test]
 fn a_fault_is_cleared_only_at_rest() {
     let mut bench = moving();
@@ -60,7 +60,7 @@ fn a_fault_is_cleared_only_at_rest() {
     }
     assert!((20..=2 * u32::from(crate::axis::STILL_PERIODS)).contains(&waited), "{waited} periods");
     assert_eq!(bench.periods(50).state, State::Idle);
-    // A condition that is no fault does not depend on rest: a clear ends a program, as before.
+    // Without a latched fault a clear requires no rest: it ends the program.
     bench.run(&[Step::Move { x_um: 0, y_um: 0, speed_um_s: 1_000 }]);
     assert!(matches!(bench.periods(300).drive, Drive::Duty(_)));
     bench.command(Request::ClearFault).expect("nothing is latched");
@@ -81,7 +81,7 @@ fn force_beyond_the_limit_that_is_set() {
     bench.push_n = [2.1, 0.0];
     assert_eq!(periods_to(&mut bench, Fault::ForceLimit, 10), EVIDENCE_READINGS);
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
-    // The screws hold what they hold: a higher limit is one way to move off again.
+    // The screws hold the load: with a higher limit the fault can be cleared.
     bench.command(limits(4_000, 1_000)).expect("nothing runs");
     bench.command(Request::ClearFault).expect("below the new limit");
 }
@@ -127,7 +127,7 @@ fn a_force_sensor_that_repeats_itself() {
     let mut bench = Bench::new();
     bench.run(&[Step::Hold { duration_ms: 60_000 }]);
     bench.force_stuck = true;
-    // The first of them differs from the reading before it.
+    // The first of the repeated readings differs from the one before it.
     assert_eq!(periods_to(&mut bench, Fault::ForceStuck, 100), DOUBTFUL_READINGS + 1);
     clears_only_without(&mut bench, |bench| bench.force_stuck = false);
 }
@@ -189,7 +189,7 @@ fn an_axis_that_cannot_finish_times_out() {
     let mut bench = Bench::new();
     bench.position_um = [0.0; 2];
     bench.strength = 0.0;
-    // Too little to do for a duty that would be a stall.
+    // The distance is too small for a duty at which a standstill counts as a stall.
     bench.run(&[Step::Move { x_um: 0, y_um: 50, speed_um_s: 1_000 }]);
     let periods = periods_to(&mut bench, Fault::MoveTimeout, 10_000);
     assert!((3_000..4_000).contains(&periods), "{periods} periods");
@@ -202,11 +202,10 @@ fn a_silent_host_ends_a_program_and_only_a_program() {
     assert_eq!(bench.periods(5_000).state, State::Idle);
     bench.run(&[Step::Hold { duration_ms: 60_000 }]);
     assert_eq!(periods_to(&mut bench, Fault::HostSilent, 5_000), 2_001);
-    bench.command(Request::ClearFault).expect("it speaks again");
+    bench.command(Request::ClearFault).expect("the host sends commands again");
 }
 
-/// Commands of another program, with a token that never was one, with a valid one of its own, or as a new
-/// connection.
+/// Commands of another program, with an invalid token, with a valid token of its own, or as a new connection.
 #[test]
 fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     let mut bench = Bench::new();
@@ -239,7 +238,7 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     });
     let mut hellos = 0;
     let hello = fault_after(&mut |bench| {
-        // More of them would take the place of its own connection.
+        // More hellos would replace the connection of the program.
         hellos += 1;
         if hellos <= 2 {
             bench.answer(Command { id: 0, connection: 0, request: Request::Hello }).expect("always");
@@ -251,7 +250,7 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
 }
 
 #[test]
-fn late_periods_end_a_program_and_are_counted_otherwise() {
+fn late_periods_end_a_program_and_are_only_counted_at_rest() {
     let mut bench = Bench::new();
     bench.late_us = 600;
     assert_eq!(bench.periods(10).state, State::Idle);
@@ -261,7 +260,7 @@ fn late_periods_end_a_program_and_are_counted_otherwise() {
     bench.late_us = 600;
     assert_eq!(bench.periods(1).state, State::Holding);
     bench.late_us = 0;
-    assert_eq!(bench.periods(100).state, State::Holding, "one late period is none");
+    assert_eq!(bench.periods(100).state, State::Holding, "one late period is no fault");
     bench.late_us = 600;
     assert_eq!(periods_to(&mut bench, Fault::Overrun, 10), 2);
     assert!(bench.controller.control_overruns > 12);
@@ -275,8 +274,8 @@ fn a_restart_is_acknowledged_before_anything_moves() {
     assert_eq!(bench.periods(1).state, State::Faulted);
     let run = Request::Run { steps: 1, crc: 0, start_us: 0 };
     assert_eq!(bench.command(run), Err(Refusal::Faulted { fault: Fault::Restarted }));
-    // The program that ran away may have been moving the guide.
-    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains), "it may still roll on");
+    // The run before the restart may have been moving the guide.
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains), "the guide may still coast");
     bench.periods(u32::from(crate::axis::STILL_PERIODS));
     bench.command(Request::ClearFault).expect("acknowledged");
     bench.run(&[Step::Hold { duration_ms: 10 }]);
@@ -317,6 +316,6 @@ fn a_calibration_is_handed_out_once_it_is_complete_and_nothing_runs() {
     bench.run(&[Step::Hold { duration_ms: 100 }]);
     assert_eq!(bench.command(store), Err(Refusal::Busy));
     assert_eq!(bench.finish(), Outcome::Completed);
-    bench.command(store).expect("complete and meant");
+    bench.command(store).expect("complete, and with this checksum");
     assert_eq!(bench.last.as_ref().and_then(|outputs| outputs.store.clone()), Some(record));
 }

@@ -1,10 +1,10 @@
-//! Sequences that once led round a limit, or into a state that no command ends, on the bench of two springs of 1 N/mm.
+//! Sequences that once circumvented a limit, or led into a state that no command ends, on the bench of two springs of 1 N/mm.
 
 mod retreats;
 
 use super::*;
 
-/// A bench at home, tared.
+/// A bench with guide 2 at home.
 fn at_home() -> Bench {
     let mut bench = Bench::new();
     bench.position_um = [0.0; 2];
@@ -25,7 +25,7 @@ fn force_n(bench: &Bench) -> f32 {
     bench.position_um[1] * 1e-3 + bench.push_n[1]
 }
 
-/// After so many periods without drive a guide counts as at rest.
+/// Number of periods without drive after which a guide counts as at rest.
 const AT_REST: u32 = crate::axis::STILL_PERIODS as u32 + 1;
 
 /// Sends a calibration in pieces and has it stored.
@@ -40,7 +40,7 @@ fn store(bench: &mut Bench, record: &CalibrationRecord) -> Result<(), Refusal> {
     bench.command(Request::StoreCalibration { length: bytes.len() as u8, crc: record.crc() })
 }
 
-/// Starts again as the device does after storing, with what the board has kept.
+/// Starts the controller again as the device does after storing, with the state that the board has retained.
 fn restart(bench: &mut Bench, record: CalibrationRecord) {
     let restored = ControllerState::from_bytes(&bench.controller.retained_state().to_bytes());
     let start = Start { retained: restored, ..Start::ordinary(BOOT + 1) };
@@ -63,19 +63,19 @@ fn storing_a_calibration_wipes_neither_a_fault_nor_the_heat_of_the_motors() {
     assert_eq!(bench.controller.interlock.latched(), Some(hot));
     let record = Calibration::nominal_record();
     assert_eq!(store(&mut bench, &record), Err(Refusal::Faulted { fault: hot }));
-    // Any restart goes on with both.
+    // Fault and heat survive any restart.
     restart(&mut bench, record.clone());
     assert_eq!(bench.periods(1).state, State::Faulted);
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
     assert!(bench.controller.budgets[1].used() > 0.99);
-    // The reported time is the one that it takes.
+    // The reported time is the one that cooling takes.
     let reported_s = u32::from(bench.controller.safety(0).cools_in_s[1]);
     assert!((200..310).contains(&reported_s), "{reported_s} s");
     bench.periods((reported_s - 2) * 1_000);
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
     bench.periods(3_000);
     bench.command(Request::ClearFault).expect("it has cooled");
-    store(&mut bench, &record).expect("no fault stands");
+    store(&mut bench, &record).expect("no fault is latched");
     let hold = Step::Hold { duration_ms: 5 };
     bench.command(Request::LoadStep { index: 0, step: hold }).expect("loads");
     let run = Request::Run { steps: 1, crc: program_crc(&[hold]), start_us: 0 };
@@ -101,7 +101,7 @@ fn a_fault_that_a_calibration_may_have_caused_accepts_another_one_and_stays_latc
 }
 
 #[test]
-fn a_calibration_slipped_by_a_unit_is_refused() {
+fn a_calibration_in_a_wrong_unit_is_refused() {
     let mut bench = at_home();
     let nominal = Calibration::nominal_record();
     for power in [-3, -2, -1, 1, 2, 3] {
@@ -193,7 +193,7 @@ fn a_ramp_as_the_last_step_rests_within_the_travel() {
     for (y_um, duration_ms) in [(10_000, 1_000), (-10_000, 1_000), (10_000, 1_100), (300, 30)] {
         for last in [true, false] {
             let mut bench = at_home();
-            // No needle: nothing holds it back.
+            // Without a needle no force stops the axis.
             bench.stiffness_n_per_um = 1e-6;
             let mut steps = std::vec![Step::Ramp { x_um: 0, y_um, duration_ms }];
             if !last {
@@ -208,10 +208,10 @@ fn a_ramp_as_the_last_step_rests_within_the_travel() {
             assert_eq!(bench.controller.interlock.latched(), None);
             let final_um = bench.position_um[1];
             assert!((final_um - y_um as f32).abs() <= REENGAGE_ERROR_UM, "{final_um} for {y_um}");
-            let distance_left_um = most_um - y_um.abs() as f32;
+            let overshoot_um = most_um - y_um.abs() as f32;
             assert!(
-                distance_left_um < if last || y_um.abs() > 9_000 { 60.0 } else { 250.0 },
-                "{distance_left_um} beyond {y_um}"
+                overshoot_um < if last || y_um.abs() > 9_000 { 60.0 } else { 250.0 },
+                "{overshoot_um} beyond {y_um}"
             );
         }
     }
@@ -230,7 +230,7 @@ fn a_frame_from_before_never_moves_the_guide_again() {
         bench.command(Request::Status).expect("answered");
     }
     assert_eq!(bench.answer(run), Err(Refusal::IdUsed));
-    // A hello that comes again, and the frame after it.
+    // The hello is repeated, and then the old frame.
     bench.answer(Command { id: 0, connection: 0, request: Request::Hello }).expect("always");
     assert_eq!(bench.answer(run), Err(Refusal::IdUsed));
     // The same id with another content.
@@ -282,14 +282,14 @@ fn a_lost_calibration_is_a_fault_until_it_is_acknowledged_or_another_is_stored()
     store(&mut bench, &record).expect("the recovery");
     restart(&mut bench, record);
     assert_eq!(bench.periods(1).state, State::Idle);
-    // An earlier one takes its place, which is what it works with, and not in silence.
+    // If an earlier calibration takes its place, the device works with that one and reports the loss.
     let start = Start { origin: Origin::Earlier, ..Start::ordinary(BOOT) };
     (bench.controller, bench.connection) = connected(Calibration::default(), start);
     assert_eq!(bench.periods(1).state, State::Faulted);
     assert_eq!(bench.controller.safety(0).calibration, CalibrationSource::Stored);
     bench.command(Request::AcknowledgeCalibration).expect("acknowledged");
     assert_eq!(bench.periods(1).state, State::Idle);
-    // Beside a fault that was latched before: that one is cleared first, and then this one shows.
+    // If another fault was latched before, it can be cleared only when the loss is acknowledged.
     let hot = ControllerState { fault: Some(Fault::Stall), ..ControllerState::default() };
     let mut bench = lost(Some(hot));
     assert_eq!(bench.controller.interlock.latched(), Some(Fault::Stall));

@@ -1,4 +1,4 @@
-//! The chapter's table of request and state is what the controller answers.
+//! The table of requests and states in the protocol's chapter equals what the controller answers.
 
 use super::*;
 use std::string::{String, ToString};
@@ -30,7 +30,7 @@ fn requests(record: &CalibrationRecord) -> [(&'static str, Request); 15] {
     ]
 }
 
-/// A bench in a state, with a sound calibration and a step loaded.
+/// A bench in a state, with a valid calibration and a step loaded.
 fn in_state(state: State, record: &CalibrationRecord) -> Bench {
     let mut bench = Bench::new();
     bench.position_um = [0.0, 1_500.0];

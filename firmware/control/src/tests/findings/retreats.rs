@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Waits for the end of a retreat.
+/// Retreats along y and returns the outcome.
 fn retreat(bench: &mut Bench, y_um: i32) -> Result<RetreatOutcome, Refusal> {
     bench.notes.clear();
     bench.command(Request::Retreat { x_um: 0, y_um })?;
@@ -37,14 +37,14 @@ fn a_load_beyond_the_range_is_removed_by_a_retreat_and_by_nothing_else() {
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: 1 }), Err(Refusal::OutOfTravel));
     assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Unloaded));
     assert!((4.1..4.3).contains(&force_n(&bench)), "{}", force_n(&bench));
-    assert!(bench.controller.interlock.latched().is_some(), "the fault still stands");
+    assert!(bench.controller.interlock.latched().is_some(), "the fault is still latched");
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -500 }), Err(Refusal::NotUnderLoad));
     bench.periods(60);
     bench.command(Request::ClearFault).expect("the cause is gone, and the axes are at rest");
     assert_eq!(ended(&mut bench, &[to_y(0)]), Outcome::Completed);
 }
 
-/// The trap of a load beyond the range, under hum and noise that single readings cannot be compared in.
+/// A load beyond the range, with hum and noise in which single readings show no trend.
 #[test]
 fn hum_and_noise_do_not_keep_a_load_beyond_the_range() {
     for (noise_n, hum_n) in [(0.02, 0.1), (0.015, 0.0), (0.005, 0.05)] {
@@ -67,7 +67,7 @@ fn hum_and_noise_do_not_keep_a_load_beyond_the_range() {
     }
 }
 
-/// A load that the way to the middle does not take off: something else presses.
+/// A load that motion towards the middle does not reduce, because something else presses.
 #[test]
 fn a_load_that_does_not_fall_ends_the_retreat_near_where_it_began() {
     let mut bench = at_home();
@@ -77,7 +77,7 @@ fn a_load_that_does_not_fall_ends_the_retreat_near_where_it_began() {
     bench.periods(100);
     assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::ForceNotFalling));
     assert!((2_600.0..2_750.0).contains(&bench.position_um[1]), "{:?}", bench.position_um);
-    // It rises towards the middle: from the third on, each try ends where the one before did.
+    // If the load rises towards the middle, every retreat from the third on ends where it began.
     let mut bench = at_home();
     bench.stiffness_n_per_um = -1e-3;
     bench.push_n = [0.0, 3.5];
@@ -90,34 +90,33 @@ fn a_load_that_does_not_fall_ends_the_retreat_near_where_it_began() {
     assert!(bench.position_um[1] > 1_750.0, "{:?}", bench.position_um);
 }
 
-/// Coasting of a motor before a retreat is no part of it: counted from before, the load would have risen on its way
-/// out.
+/// The coasting of a motor before a retreat is no part of the retreat: a load measured before the coasting would seem to rise.
 #[test]
-fn a_retreat_sets_out_when_the_guide_is_at_rest() {
+fn a_retreat_moves_once_the_guide_is_at_rest() {
     let mut bench = at_home();
     assert_eq!(ended(&mut bench, &[to_y(6_000)]), Outcome::Faulted);
     let load_before_n = force_n(&bench);
     bench.runaway = Some(0.2);
     bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }).expect("it is accepted");
-    let rolls = bench.periods(30);
-    assert_eq!((rolls.state, rolls.drive), (State::Retreating, Drive::Release));
+    let coasting = bench.periods(30);
+    assert_eq!((coasting.state, coasting.drive), (State::Retreating, Drive::Release));
     assert!(force_n(&bench) > load_before_n + 0.1, "more than a load may rise: {}", force_n(&bench));
     bench.runaway = None;
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }), Err(Refusal::Busy));
-    // The filter follows, the axes are at rest, and the load is measured.
+    // The filter settles, the axes count as at rest, and the load is measured.
     let most = AT_REST + u32::from(crate::retreat::BLOCK_PERIODS) + 60;
     let waited = (0..most).position(|_| matches!(bench.periods(1).drive, Drive::Duty(_)));
     assert!(waited.is_some_and(|waited| waited > 100), "{waited:?}");
     bench.command(Request::Stop).expect("stops");
     bench.periods(AT_REST);
-    assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Unloaded), "the way out is open");
+    assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Unloaded), "the load falls");
 }
 
 #[test]
 fn a_guide_that_does_not_come_to_rest_is_not_driven_by_a_retreat() {
     let mut bench = at_home();
     assert_eq!(ended(&mut bench, &[to_y(6_000)]), Outcome::Faulted);
-    // Back and forth by more than an axis at rest does.
+    // The axis moves back and forth by more than the noise of an axis at rest.
     bench.notes.clear();
     bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }).expect("it is accepted");
     let mut periods = 0;
