@@ -37,7 +37,7 @@ pub struct CalibrationRecord {
 /// Table that converts the codes of one potentiometer to the position of guide 2, which is zero where the needle is straight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct PotentiometerTable {
-    /// Least and greatest code of a sound potentiometer; beyond them a wire is open or shorted.
+    /// Least and greatest code of an intact potentiometer; beyond them a wire is open or shorted.
     pub track_codes: [u16; 2],
     /// Position at each knot when the position has been rising, micrometres.
     pub rising_um: [i16; KNOTS],

@@ -12,7 +12,7 @@ pub struct Safety {
     pub t_us: u64,
     /// Source of the constants.
     pub calibration: CalibrationSource,
-    /// A tare was completed since the device started. Without one, the force counts from the calibration's zero.
+    /// A tare was completed since the device started. Without a tare the force is relative to the calibration's zero.
     pub tared: bool,
     /// Zero of the force along x and y, in force counts from the calibration's zero.
     pub zero_counts: [i32; 2],
@@ -71,9 +71,9 @@ pub struct Status {
     pub step: u8,
     /// The latched fault.
     pub fault: Option<Fault>,
-    /// Position of guide 2 along x and y, in position counts.
+    /// Latest position of guide 2 along x and y that was not rejected, in position counts.
     pub position_counts: [i32; 2],
-    /// Force along x and y relative to the tare, in force counts.
+    /// Latest force along x and y that was not rejected, relative to the tare, in force counts.
     pub force_counts: [i32; 2],
     /// Telemetry is on.
     pub streaming: bool,
@@ -85,7 +85,7 @@ pub struct Status {
     pub motor_budget_permille: [u16; 2],
     /// Limit of the force along either axis, relative to the tare and from the calibration's zero, millinewtons.
     pub force_limit_mn: u32,
-    /// Longest time without an accepted command of the connection that started the program, milliseconds.
+    /// Longest time without an accepted command of the connection that started the motion, milliseconds.
     pub silence_limit_ms: u32,
     /// Lateral stiffness along x and y since the last tare; none before guide 2 has moved far enough to determine it.
     pub stiffness: [Option<Stiffness>; 2],
@@ -109,7 +109,7 @@ pub struct Load {
     pub outbox_most: u8,
 }
 
-/// Slope of a straight line through force against displacement, fitted on the device as readings come.
+/// Slope of a straight line through force against displacement, fitted online on the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Stiffness {
     /// Slope, millinewtons per metre.

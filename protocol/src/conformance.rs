@@ -1,6 +1,6 @@
 //! The conformance tests: one list, run on the host by `cargo test` and on the target by a firmware image.
 //!
-//! They need neither std nor a heap and little stack (a few buffers of one frame), and report instead of panicking.
+//! They need little stack (a few buffers of one frame) and neither std nor a heap, and report instead of panicking.
 
 mod batches;
 mod golden;
@@ -14,7 +14,7 @@ mod tracking;
 
 use crate::{Command, Envelope, Incoming, Message, Received, Receiver, Request};
 
-/// Result of a test: nothing, or what is wrong.
+/// Result of a test; the error states what is wrong.
 pub type Verdict = Result<(), &'static str>;
 
 /// Lists the tests and, on the host, makes a `#[test]` of each.

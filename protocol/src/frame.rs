@@ -22,7 +22,7 @@ pub const MAX_FRAME_TO_HOST: usize = MAX_BODY_TO_HOST + 2;
 /// Largest frame from the host, bytes, both delimiters included.
 pub const MAX_FRAME_TO_DEVICE: usize = MAX_BODY_TO_DEVICE + 2;
 
-/// Largest number of bytes before stuffing, both ways. Below 254 bytes stuffing costs one byte and is one-to-one: no two bodies
+/// Largest number of bytes before stuffing, both ways. Below 254 bytes stuffing adds one byte and is one-to-one: no two bodies
 /// decode to the same bytes, so that a changed body cannot be taken for the original.
 pub(crate) const MAX_PLAIN: usize = 253;
 const _: () = assert!(Envelope::POSTCARD_MAX_SIZE + CRC_BYTES <= MAX_PLAIN);
@@ -76,7 +76,7 @@ pub trait Incoming: DeserializeOwned {
     /// Part of a message that is readable although the message does not decode.
     type Salvage;
 
-    /// Reads that part from an intact payload. It has the same place in every version of the protocol.
+    /// Reads that part from an intact payload, where it has the same place in every version of the protocol.
     fn salvage(payload: &[u8]) -> Option<Self::Salvage>;
 
     /// Reads the message of an intact payload, which the message must fill exactly.
@@ -178,7 +178,7 @@ impl<T: Incoming, const N: usize> Default for Receiver<T, N> {
 }
 
 impl<T: Incoming, const N: usize> Receiver<T, N> {
-    /// Starts as after a delimiter.
+    /// A receiver in the state after a delimiter.
     pub const fn new() -> Self {
         let losses = Losses { corrupt: 0, overlong: 0, unreadable: 0 };
         Self { body: heapless::Vec::new(), dropping: false, losses, message: PhantomData }
@@ -208,12 +208,12 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         event
     }
 
-    /// Takes a chunk and yields its events. Exhaust the iterator: bytes after the last event that was requested are not taken.
+    /// Takes a chunk and yields its events. Exhaust the iterator: it takes the bytes only up to the last event that it has yielded.
     pub fn feed<'a>(&'a mut self, chunk: &'a [u8]) -> impl Iterator<Item = Received<T>> + 'a {
         let mut unread = chunk;
         core::iter::from_fn(move || {
             while !unread.is_empty() {
-                // Copies the bytes before the next delimiter at once, as far as they fit, then handles one byte by itself.
+                // The bytes before the next delimiter are copied together, as far as they fit; the next byte is handled by itself.
                 let (ordinary, _) = memchr::memchr(0, unread)
                     .and_then(|zero| unread.split_at_checked(zero))
                     .unwrap_or((unread, &[]));

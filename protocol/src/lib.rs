@@ -1,16 +1,16 @@
 //! The interface between the needle guide's firmware and its host. This page is the interface control document.
 //!
 //! Two streams of bytes, one each way, over anything that carries eight-bit bytes in order (a UART, a USB serial port, a
-//! pseudo terminal). Bytes may be damaged or lost anywhere; nothing that is damaged is ever taken for a message, and what is
-//! lost is counted. The page specifies the bytes on the line, the types document the fields. Tests compare the numbers on it with the
-//! code, most of them by [`conformance`](#conformance), which also runs on the microcontroller.
+//! pseudo terminal). Bytes may be damaged or lost anywhere; a damaged frame is not taken for a message, and losses are counted.
+//! This page specifies the bytes on the line, the types document the fields. Tests compare the numbers of the page with the code,
+//! most of them by [`conformance`](#conformance), which also runs on the microcontroller.
 //!
 //! # A frame
 //!
 //! | on the wire, in this order | bytes | what |
 //! |---|---|---|
 //! | delimiter | 1 | `0x00`: ends any noise before it |
-//! | body, byte-stuffed ([COBS]) | | holds no `0x00`; 1 byte more than what it carries |
+//! | body, byte-stuffed ([COBS]) | | holds no `0x00`; 1 byte longer than payload and checksum |
 //! | &nbsp; payload | 3 to 247 | the message in [postcard] format |
 //! | &nbsp; checksum | 4 | CRC-32/ISO-HDLC of the payload, little-endian: the one of zlib, Ethernet and PNG |
 //! | delimiter | 1 | `0x00` |
@@ -20,13 +20,12 @@
 //! | payload | 247 | 26 |
 //! | frame, both delimiters included | 254 ([`MAX_FRAME_TO_HOST`]) | 33 ([`MAX_FRAME_TO_DEVICE`]) |
 //!
-//! The bounds are reached: the largest message fills them. Every body is shorter than 254 bytes, so that stuffing adds exactly
-//! one byte and a payload has one encoding only. Two delimiters between frames, or one, or ten, are the same.
+//! The largest messages reach these bounds. Payload and checksum have fewer than 254 bytes, so that stuffing adds exactly one byte
+//! and a payload has one encoding only. Any number of delimiters between two frames, from one on, is valid.
 //!
-//! A receiver ([`Receiver`]) drops what is longer than the bound up to the next delimiter, unstuffs, compares the
-//! checksum, and only then reads the message, which must use up the payload to its last byte. A failure is counted as
-//! over-long, corrupt or unreadable ([`Losses`]), does not affect neighbouring frames, and is never requested again by
-//! the receiver.
+//! A receiver ([`Receiver`]) drops a body that is longer than the bound, up to the next delimiter; it unstuffs any other, compares
+//! the checksum, and only then reads the message, which must fill the payload to its last byte. A frame that fails is counted as
+//! over-long, corrupt or unreadable ([`Losses`]) and does not affect its neighbours; the receiver does not request it again.
 //!
 //! `Stop`, sent as command 300 of the connection `0xA1B2C3D4`:
 //!
@@ -61,30 +60,30 @@
 //! | 1 | `Status` | `Status`, `Ack` | none |
 //! | 2 | `Stream { enable }` | `Ack` | telemetry batches on or off |
 //! | 3 | `LoadStep { index, step }` | `Ack` | stores one [`Step`] of the motion program |
-//! | 4 | `Run { steps, crc, start_us }` | `Ack` | starts the program at a device time if its steps are the ones meant; events follow |
+//! | 4 | `Run { steps, crc, start_us }` | `Ack` | starts the program at a device time if its steps have this checksum; events follow |
 //! | 5 | `Stop` | `Ack` | ends any motion at once; telemetry goes on |
 //! | 6 | `ClearFault` | `Ack` | leaves the fault state if its cause is gone and both axes are at rest |
-//! | 7 | `Limits { force_mn, silence_ms }` | `Ack` | what the interlocks compare with, until the next start |
+//! | 7 | `Limits { force_mn, silence_ms }` | `Ack` | force limit and longest silence of the host, until the next start |
 //! | 8 | `LoadCalibration { piece, bytes }` | `Ack` | takes 16 bytes of an encoded [`CalibrationRecord`] |
-//! | 9 | `StoreCalibration { length, crc }` | `Ack` | keeps the record if it is the one meant, and restarts with it |
+//! | 9 | `StoreCalibration { length, crc }` | `Ack` | stores the record if it has this checksum, and restarts with it |
 //! | 10 | `Calibration` | `Calibration`, `Ack` | none |
-//! | 11 | `Retreat { x_um, y_um }` | `Ack` | moves out of a load while its fault is latched; an event follows |
+//! | 11 | `Retreat { x_um, y_um }` | `Ack` | unloads the guide while a fault is latched; an event follows |
 //! | 12 | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
 //! | 13 | `Describe` | `Description`, `Ack` | none |
 //! | 14 | `Safety` | `Safety`, `Ack` | none |
-//! | 15 | `Pulse { axis, duty_permille, duration_ms }` | `Ack` | drives one motor for a moment; an event follows |
+//! | 15 | `Pulse { axis, duty_permille, duration_ms }` | `Ack` | drives one motor briefly; an event follows |
 //!
 //! | | message | when |
 //! |---|---|---|
 //! | 0 | [`Hello`] | on request: version, schema hash, board, clock, sample period, value of a count, calibration, last panic |
-//! | 1 | `Ack { id }` | the command was carried out, now or when it came before |
-//! | 2 | `Refused { id, refusal }` | it was not, and why: [`Refusal`] |
+//! | 1 | `Ack { id }` | the command was carried out, now or at its first arrival |
+//! | 2 | `Refused { id, refusal }` | the command was not carried out, and why: [`Refusal`] |
 //! | 3 | [`Samples`] | a batch is full or its state ended, while telemetry is on |
-//! | 4 | [`Event`] | a step began or ended, a tare was found, the program ended, a fault was latched |
+//! | 4 | [`Event`] | a step began or ended; a tare was completed or rejected; a program, a retreat or a pulse ended; a fault was latched |
 //! | 5 | [`Status`] | on request, and ten times a second while telemetry is on: state, fault, position, force, counters, load, stiffness |
 //! | 6 | [`CalibrationRecord`] | on request |
 //! | 7 | `Connected { connection }` | after the hello |
-//! | 8 | [`Safety`] | on request; while telemetry is on when it changes, and once a second |
+//! | 8 | [`Safety`] | on request; while telemetry is on also when it changes, and once a second |
 //! | 9 | [`Description`] | on request |
 //!
 //! `protocol/spec/protocol.md` lists the refusals of each request in each state, the remedy of each refusal and fault, and the
@@ -92,26 +91,26 @@
 //!
 //! # Rules
 //!
-//! * **Handshake.** The host sends a hello first, always; the device never assumes one. The version has the same place in every
-//!   version of the protocol, so that two versions can detect that they differ ([`peek_hello_version`]). With equal [`VERSION`]
-//!   the [`schema_hash`] of all types must be equal too, or nothing further is sent.
+//! * **Handshake.** The host always sends a hello first, and again after every start of the device. The version has the same place
+//!   in every version of the protocol, so that two versions can detect that they differ ([`peek_hello_version`]). With equal
+//!   [`VERSION`] the [`schema_hash`] of all types must be equal too, or the host sends nothing further.
 //! * **Commands are carried out once.** The host waits for `Ack` or `Refused` with the id of its command and sends the same
-//!   frame again when none comes; the device gives a repeat the answer it gave before and does nothing. Ids only grow within a
-//!   connection: a used one whose answer is forgotten, or that comes with another request, is refused. `Stop` and `Hello` are carried out
-//!   each time. One command is under way at a time.
+//!   frame again when none comes; the device answers a repeat as it did before and does nothing else. Ids only grow within a
+//!   connection: a used id whose answer is forgotten, or that comes with another request, is refused. `Stop` and `Hello` are
+//!   carried out each time. One command is under way at a time.
 //! * **Connections.** A command without a valid token is refused (`Hello` and `Stop` excepted), so that no command for the
 //!   state before a restart, and no frame from an earlier connection, takes effect after it. An envelope of another boot
 //!   informs the host of the restart.
-//! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; the next one is one more. A jump forward by n (less
-//!   than 2³¹) means that n - 1 frames are lost. The same number is a duplicate, an earlier number is late, and neither is used
-//!   ([`SequenceTracker`]).
+//! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; each number is one more than the one before. A jump forward
+//!   by n (less than 2³¹) means that n - 1 frames are lost. The same number is a duplicate, an earlier number is late, and neither
+//!   is used ([`SequenceTracker`]).
 //! * **Time.** Device microseconds since boot, in 64 bits. A batch has the time of its first sample; the others follow at
 //!   `Hello::sample_period_us`. A gap in the times means lost samples, on either side; those that the device itself
 //!   had to drop are counted in `Samples::dropped`.
-//! * **Silence.** While a program is pending or running, accepted commands of the connection that started it are keepalives.
-//!   After `silence_ms` without one the device latches a fault and switches the bridges off.
-//! * **Nothing from the device is sent again.** What may be lost is repeated in later state: every batch has state and step,
-//!   `Status` has state, fault and counters, so that a host that missed an event still finds the end of a program.
+//! * **Silence.** While a program is pending or running, or a retreat runs, accepted commands of the connection that started it are
+//!   keepalives. After `silence_ms` without one the device latches a fault or ends the retreat, and switches the bridges off.
+//! * **The device sends no message again.** Later state repeats what may be lost: every batch has state and step, `Status` has
+//!   state, fault and counters, so that a host that missed an event still finds the end of a program.
 //! * **Change.** Variants are appended, never inserted; any other change of a type raises [`VERSION`]. Either changes the
 //!   schema hash, which a test pins. A field that is appended to [`Samples`] or [`Status`] is zero in what older versions have recorded.
 //!
@@ -127,10 +126,9 @@
 //! | packed | 3.7 |
 //! | packed, on the wire, with its share of the frame | 4.6 |
 //!
-//! at any position and force: a batch spans little more than the noise, or than one step of a motion. It is 4.6 kB/s of
-//! the 46 kB/s that 460,800 baud carry, so that a line disturbed for a while catches up, and a file of frames stays
-//! small. The price is that a batch is used whole or not at all, which the checksum makes true anyway.
-//! See [`pack`].
+//! at any position and force: the readings of a batch spread by little more than the noise, or than the motion in a period. This is
+//! 4.6 kB/s of the 46 kB/s that 460,800 baud carry, so that a line that was disturbed for a while catches up, and a file of
+//! frames stays small. A batch can be used only as a whole, which the checksum of the frame requires anyway. See [`pack`].
 //!
 //! # Conformance
 //!

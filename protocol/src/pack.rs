@@ -78,12 +78,12 @@ impl Packer {
         Self { period_us, open: None }
     }
 
-    /// Adds a sample and returns the batch that it completes, if any. A sample completes the batch that it fills, and the batch
-    /// so far if it does not fit into that or does not continue it (another state, step or dropped count, or not exactly one
-    /// period later).
+    /// Adds a sample and returns the batch that it completes, if any. A sample completes a batch that it fills. A sample that does
+    /// not fit into the open batch, or does not continue it (another state, step or dropped count, or not exactly one period
+    /// later), completes that batch and opens the next one.
     ///
-    /// `t_us` is the scheduled time of the sample: a batch holds one time only, and a time that jitters would open a new
-    /// batch with every sample.
+    /// `t_us` is the scheduled time of the sample: a batch has one time only, and times with jitter would open a new batch with every
+    /// sample.
     pub fn push(
         &mut self,
         t_us: u64,
@@ -107,7 +107,7 @@ impl Packer {
         if self.open.as_ref().is_some_and(|open| open.samples.is_full()) { self.flush() } else { None }
     }
 
-    /// The unfinished batch, if any. The caller bounds the delay by it when samples are slow or end.
+    /// Returns the unfinished batch, if any. The caller flushes when samples are slow or end, which bounds their delay.
     pub fn flush(&mut self) -> Option<Samples> {
         self.open.take().map(|open| open.close())
     }
@@ -132,7 +132,7 @@ impl Open {
         }
         let count = self.count() + 1;
         let fits = |bits: usize| bits.div_ceil(8) <= PACKED_BYTES;
-        // The upper bound is cheap and nearly always suffices; only otherwise the exact size is computed.
+        // The upper bound is cheap and nearly always suffices; if it does not, the exact size is computed.
         let fits = fits(spreads.iter().map(|spread| spread.most_bits(count)).sum())
             || fits(spreads.iter().map(|spread| spread.column(count).bits(count)).sum());
         if !fits || self.samples.push(sample).is_err() {
@@ -187,7 +187,7 @@ pub enum UnpackError {
 }
 
 impl Samples {
-    /// The samples with their device times. It is checked first that the packed bytes are exactly `count` samples.
+    /// The samples with their device times, after a check that the packed bytes are exactly `count` samples.
     pub fn unpack(&self, period_us: u32) -> Result<Unpacked<'_>, UnpackError> {
         if self.count == 0 {
             return Err(UnpackError::Empty);
@@ -236,13 +236,13 @@ impl Iterator for Unpacked<'_> {
     #[inline]
     fn next(&mut self) -> Option<Self::Item> {
         self.left = self.left.checked_sub(1)?;
-        let (bytes, byte_offset) = (self.bits, self.at);
+        let (bytes, bit_offset) = (self.bits, self.at);
         self.at += self.width as usize;
         let counts = if self.width <= column::MAX_AT_ONCE {
-            let bits = column::bits(bytes, byte_offset);
+            let bits = column::bits(bytes, bit_offset);
             self.channels.each_mut().map(|channel| channel.of_sample(bits))
         } else {
-            self.channels.each_mut().map(|channel| channel.at(bytes, byte_offset))
+            self.channels.each_mut().map(|channel| channel.at(bytes, bit_offset))
         };
         let t_us = self.next_us;
         self.next_us = t_us.saturating_add(u64::from(self.period_us));

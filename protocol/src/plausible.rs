@@ -1,4 +1,4 @@
-//! Plausibility of a calibration. The device checks a record before it moves anything by it, and the host before it sends one.
+//! Plausibility of a calibration. The device checks a record before it uses it, and the host before it sends it.
 //!
 //! The interlocks compare with newtons and micrometres, so that a wrong unit in the calibration would disable them. The bounds
 //! are physical and exclude every error by a factor of ten:
@@ -8,7 +8,7 @@
 //! * The cross-talk of a two-axis cell is a few percent of its gain; with at most a third ([`CROSS_TALK_SHARE`]) no load on
 //!   the cell can hide from both axes.
 //! * An actuator of 50 mm stroke over the 4096 codes makes 6.25 mm between two knots. The bounds ([`KNOT_STEP_UM`]) admit a
-//!   trimmed potentiometer and one of a neighbouring stroke.
+//!   trimmed potentiometer and actuators of neighbouring strokes.
 //!
 //! An error that no record reveals (a sign, swapped wires) is detected in the first tenths of a millimetre of motion:
 //! [`crate::Fault::WrongWay`].
@@ -186,7 +186,7 @@ impl PotentiometerTable {
         falling_um + rising * (rising_um - falling_um)
     }
 
-    /// A code that a sound potentiometer can give.
+    /// Whether a code lies on the track.
     pub fn on_track(&self, code: u16) -> bool {
         let [least, greatest] = self.track_codes;
         (least..=greatest).contains(&code)
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn constants_that_no_rig_has_are_refused_each_by_its_name() {
+    fn constants_that_no_rig_has_are_refused_and_the_reason_names_them() {
         assert_eq!(designed().check(), Ok(()));
         assert_eq!(refused(|record| record.id = Text::new("")), Some(Implausible::Id));
         assert_eq!(
@@ -268,9 +268,9 @@ mod tests {
         ));
     }
 
-    /// Anything that is sound, and any slip of one of its units.
+    /// A potentiometer or a force channel that is wired the other way has the opposite sign.
     #[test]
-    fn wiring_either_way_is_sound() {
+    fn either_polarity_is_plausible() {
         assert_eq!(
             refused(|record: &mut CalibrationRecord| {
                 let table = &mut record.potentiometers[0];
@@ -283,9 +283,9 @@ mod tests {
     }
 
     proptest! {
-        /// For any cell and actuator within the bounds: ten times and a tenth of any of their units is refused.
+        /// A unit that is wrong by a power of ten is refused, for any cell and actuator within the bounds.
         #[test]
-        fn a_slip_of_a_unit_by_ten_or_more_is_refused(
+        fn a_unit_wrong_by_ten_or_more_is_refused(
             millivolts_per_volt in 0.78_f64..3.6, range_mn in 500_u32..20_000, stroke_mm in 25.0_f64..65.0,
             power in 1_i32..4, up: bool,
         ) {

@@ -288,7 +288,7 @@ fn frame_of(envelope: &Envelope) -> Vec<u8> {
     encode_envelope(envelope, &mut buffer).expect("the bound suffices").to_vec()
 }
 
-/// Everything that comes out of a stream cut at these places.
+/// Events and losses of a stream that arrives in chunks of this length.
 fn events<T: Incoming, const N: usize>(stream: &[u8], chunk: usize) -> (Vec<Received<T>>, Losses) {
     let mut receiver = Receiver::<T, N>::new();
     let mut events = Vec::new();
@@ -298,7 +298,7 @@ fn events<T: Incoming, const N: usize>(stream: &[u8], chunk: usize) -> (Vec<Rece
     (events, receiver.losses())
 }
 
-/// Bytes as a line brings them: anything, or, often enough to matter, delimiters and whole frames.
+/// Bytes of a line: arbitrary ones, ones with many delimiters, and whole frames.
 fn stream() -> impl Strategy<Value = Vec<u8>> {
     let segment = prop_oneof![
         vec(any::<u8>(), 0..400),
@@ -324,7 +324,7 @@ proptest! {
     }
 
     #[test]
-    fn every_calibration_survives_and_no_other_has_its_bytes(record in calibration(), cut in any::<prop::sample::Index>()) {
+    fn every_calibration_survives_and_no_part_of_it_decodes(record in calibration(), cut in any::<prop::sample::Index>()) {
         let mut buffer = [0; MAX_CALIBRATION];
         let bytes = record.encode(&mut buffer);
         prop_assert_eq!(CalibrationRecord::decode(bytes), Some(record.clone()));
@@ -392,7 +392,7 @@ proptest! {
         prop_assert_eq!(tags, heads);
     }
 
-    /// A recording of version 5 or earlier ends a field earlier.
+    /// Messages of version 5 and earlier lack the last field.
     #[test]
     fn samples_and_states_of_earlier_versions_are_read(samples in samples(), status in status()) {
         let samples = Samples { repeats_force: 0, ..samples };

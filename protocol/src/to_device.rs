@@ -2,7 +2,7 @@
 //!
 //! Every [`Command`] is answered by exactly one `Ack` or `Refused` with the same id (and, where the table lists one, by a further
 //! message before it). A command that arrives twice (the host repeats it when no answer came) is executed once and
-//! answered twice; `Stop` alone is carried out each time. The order of the variants is the wire format: append, never insert.
+//! answered twice; `Stop` and `Hello` are carried out each time. The order of the variants is the wire format: append, never insert.
 //!
 //! | request | answer | effect |
 //! |---|---|---|
@@ -15,13 +15,13 @@
 //! | `ClearFault` | `Ack` | leaves the fault state if its cause is gone and both axes are at rest |
 //! | `Limits` | `Ack` | force limit and longest silence of the host, until the next start of the device |
 //! | `LoadCalibration` | `Ack` | takes one piece of a calibration |
-//! | `StoreCalibration` | `Ack` | keeps the calibration and restarts with it |
+//! | `StoreCalibration` | `Ack` | stores the calibration and restarts with it |
 //! | `Calibration` | `Calibration`, `Ack` | none |
-//! | `Retreat` | `Ack`, then an event | moves out of a load while its fault is latched |
+//! | `Retreat` | `Ack`, then an event | unloads the guide while a fault is latched |
 //! | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
 //! | `Describe` | `Description`, `Ack` | none |
 //! | `Safety` | `Safety`, `Ack` | none |
-//! | `Pulse` | `Ack`, then an event | drives one motor for a moment, without a loop |
+//! | `Pulse` | `Ack`, then an event | drives one motor briefly, without a loop |
 
 use crate::PIECE_BYTES;
 use postcard::experimental::max_size::MaxSize;
@@ -49,7 +49,7 @@ pub struct Command {
 /// Request of the host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Request {
-    /// Identity of the device. Never assumed to have been requested at boot.
+    /// Begin a connection, and request the identity of the device. Required after every start of the device.
     Hello,
     /// State, fault and counters, now.
     Status,
@@ -75,17 +75,17 @@ pub enum Request {
         /// [`START_LIMIT_US`] ahead.
         start_us: u64,
     },
-    /// End any motion at once and switch the bridges off (the lead screws hold). Not a safety device: a frame can be lost;
-    /// the emergency-stop input is the safety device.
+    /// End any motion at once and switch the bridges off (the lead screws hold). A frame can be lost: the safety device is the
+    /// emergency-stop input, not this request.
     Stop,
     /// Leave the latched fault state.
     ClearFault,
-    /// Set what the interlocks compare with. Refused while a program is pending or running, and for values out of range.
+    /// Set the limits of the interlocks. Refused while a program is pending or running, and for values out of range.
     Limits {
         /// Largest force along either axis, millinewtons: 1 to the sensor's rated range. It holds relative to the tare and, so that
         /// no sequence of tares moves it, from the calibration's zero as well.
         force_mn: u32,
-        /// Longest time without an accepted command of the connection that started the program, milliseconds: see
+        /// Longest time without an accepted command of the connection that started the motion, milliseconds: see
         /// [`SILENCE_LIMIT_MS`].
         silence_ms: u32,
     },
@@ -106,8 +106,8 @@ pub enum Request {
     },
     /// Request for the calibration in use.
     Calibration,
-    /// Unload guide 2 while the fault that the load has caused is latched: a slow motion of at most [`RETREAT_LIMIT_UM`] along
-    /// each axis. The device stops as soon as the force does not fall. Accepted only in the faults of
+    /// Unload guide 2 while a fault is latched: a slow motion of at most [`RETREAT_LIMIT_UM`] along each axis. The device ends it when
+    /// the force rises or does not fall. Accepted only while the causes to stop are those of faults of
     /// [`crate::Fault::allows_retreat`].
     Retreat {
         /// Displacement along x, micrometres.
@@ -115,16 +115,16 @@ pub enum Request {
         /// Displacement along y, micrometres.
         y_um: i32,
     },
-    /// Work with the constants of the rig as designed, until the next start: without this, no program runs on a device that has
-    /// no stored calibration. Ends [`crate::Fault::CalibrationLost`] as `ClearFault` does.
+    /// Work with the constants of the rig as designed, or of an earlier calibration, until the next start. Without this, no program
+    /// and no pulse runs on a device that has no stored calibration. Clears [`crate::Fault::CalibrationLost`].
     AcknowledgeCalibration,
     /// Request for the description of the build: version, schema hash, limits of all requests.
     Describe,
     /// Tare, calibration and motor heat, now.
     Safety,
-    /// Drive one motor for a moment at a low duty, without a position loop, and report what all channels did: to find what is wired
-    /// wrong. Both bridges are off before and after it. Refused as [`Request::Run`] is, for values out of range, and where pulses would
-    /// add up in one direction or leave the travel.
+    /// Drive one motor briefly at a low duty, without a position loop, and report the response of all channels, which reveals wiring
+    /// errors. Both bridges are off before and after it. Refused where [`Request::Run`] is, for values out of range, and where pulses
+    /// would add up in one direction or leave the travel.
     Pulse {
         /// 0: x, 1: y.
         axis: u8,
@@ -174,20 +174,20 @@ pub enum Step {
         /// Speed along the path, micrometres per second, above 0.
         speed_um_s: u32,
     },
-    /// Stay for a time.
+    /// Hold the position for a time.
     Hold {
         /// Duration, milliseconds.
         duration_ms: u32,
     },
-    /// Average the force for a time and make that the zero of both force channels. A zero far from the calibration's, and one
+    /// Average the force for a time and make the mean the zero of both force channels. A zero far from the calibration's, or one
     /// that is taken while the force still changes, is rejected, and the program ends: [`crate::TareProblem`].
     Tare {
         /// Duration, milliseconds, above 0.
         duration_ms: u32,
     },
     /// Move guide 2 at constant speed so that the setpoint arrives after this time. The step ends then, without waiting for the
-    /// axes to settle. In the last step of a program, and near the end of the travel, the setpoint slows down before it
-    /// arrives; a last step ends when both axes have settled.
+    /// axes to settle. In the last step of a program, and near the end of the travel, the setpoint decelerates and arrives later,
+    /// and the step ends when both axes have settled.
     Ramp {
         /// Target along x, micrometres.
         x_um: i32,

@@ -1,8 +1,8 @@
 //! Messages of the device to the host.
 //!
-//! Answers (`Hello`, `Ack`, `Refused`, `Status`) follow a command; `Samples`, `Event` come on their own. None is ever sent
-//! again: what may go missing is repeated in later state (`Status`, the state and step of every batch, the running count of
-//! dropped samples). The order of the variants is the wire format: append, never insert.
+//! Answers (such as `Hello`, `Ack`, `Refused`) follow a command; `Samples`, `Event` and periodic `Status` and `Safety` are unsolicited.
+//! No message is sent again: later state repeats what may be lost (`Status`, the state and step of every batch, the running count
+//! of dropped samples). The order of the variants is the wire format: append, never insert.
 
 use crate::{CalibrationId, CalibrationRecord, Description, Packed, Safety, Status, Text};
 use postcard::experimental::max_size::MaxSize;
@@ -25,7 +25,7 @@ pub struct Envelope {
 pub enum Message {
     /// Answer to `Request::Hello`.
     Hello(Hello),
-    /// The command was carried out, now or when it came the first time.
+    /// The command was carried out, now or at its first arrival.
     Ack {
         /// Id of the command.
         id: u16,
@@ -56,7 +56,7 @@ pub enum Message {
     Description(Description),
 }
 
-/// Who the device is and how to read what it sends.
+/// Identity of the device, and the scales of its data.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Hello {
     /// [`crate::VERSION`] of the firmware. First, so that it can be read independent of what follows.
@@ -121,24 +121,25 @@ pub enum ResetReason {
 /// Why a command was not carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Refusal {
-    /// The device has restarted since the host's hello.
+    /// The token is of another start of the device, or the device has forgotten it.
     OtherBoot,
     /// A fault is latched: read the status, remove the cause, clear it.
     Faulted {
         /// Fault.
         fault: Fault,
     },
-    /// A program is pending or running.
+    /// A program, a retreat or a pulse is pending or running, or the device is about to restart.
     Busy,
-    /// A step's target lies beyond the travel, or a retreat does not lead towards its middle.
+    /// A target lies beyond the travel, a retreat does not lead towards its middle, or an axis that has not yet moved in its driven
+    /// direction would move without a valid force, or by too many pulses in one direction.
     OutOfTravel,
-    /// A speed or a duration is zero or beyond its limit, or a step index is.
+    /// A number is out of its range.
     OutOfRange,
-    /// The loaded steps are not the ones the host meant (checksum).
+    /// The loaded steps do not have the checksum that the host sent.
     ProgramMismatch,
     /// The start time has passed.
     TooLate,
-    /// The fault's cause is still there.
+    /// A cause to stop exists, or an axis is not at rest.
     CauseRemains,
     /// The command could not be decoded, though its frame was intact: versions differ.
     Unreadable,
@@ -147,8 +148,8 @@ pub enum Refusal {
     CalibrationInvalid,
     /// The id has been used in this connection: by another command, or so long ago that its answer is forgotten.
     IdUsed,
-    /// There is no load to retreat from: no fault of [`Fault::allows_retreat`] is latched, its cause is gone, or another cause to
-    /// stop is there as well.
+    /// There is no load to retreat from: no fault is latched, no cause of a fault of [`Fault::allows_retreat`] exists, or another
+    /// cause to stop exists as well.
     NotUnderLoad,
     /// No calibration is stored: acknowledge the constants of the rig as designed first.
     CalibrationNotAcknowledged,
@@ -174,11 +175,11 @@ pub enum Fault {
     Travel,
     /// 7: an axis is driven and does not move.
     Stall,
-    /// 8: an axis is further from its setpoint than any sound axis.
+    /// 8: an axis is further from its setpoint than any working axis.
     FollowingError,
-    /// 9: the force converter's codes repeat each other, as no real readings do.
+    /// 9: codes of a force channel repeat earlier ones more often than real readings do.
     ForceStuck,
-    /// 10: a program was pending or running, and the host that started it sent no accepted command for too long.
+    /// 10: a motion was pending or running, and the host that started it sent no accepted command for too long.
     HostSilent,
     /// 11: the device restarted by itself: watchdog, supply, or a panic, which the hello reports.
     Restarted,
@@ -218,7 +219,7 @@ impl Fault {
         Self::ALL.get(usize::from(number)).copied()
     }
 
-    /// Whether `Request::Retreat` is the recovery from this fault: its cause lasts as long as the guide stays in place.
+    /// Whether `Request::Retreat` can remove the cause of this fault.
     pub const fn allows_retreat(self) -> bool {
         matches!(self, Self::ForceRange | Self::ForceLimit | Self::Travel)
     }
@@ -239,7 +240,7 @@ pub enum State {
     Idle,
     /// A program waits for its start time.
     Pending,
-    /// A `Move` step runs.
+    /// A `Move` or `Ramp` step, or a pulse, runs.
     Moving,
     /// A `Hold` step runs.
     Holding,
@@ -375,18 +376,18 @@ pub const TARE_CHANGE_PERCENT: u32 = 1;
 pub enum RetreatOutcome {
     /// The cause of the fault is gone, with a margin.
     Unloaded,
-    /// The guide has moved by what was requested; the cause remains.
+    /// The guide has moved by the requested distance or to the middle of the travel; the cause may remain.
     Moved,
-    /// The force did not fall: try another direction.
+    /// The force rose or did not fall, or the guide has coasted past the middle of the travel.
     ForceNotFalling,
-    /// Another cause to stop appeared, `Stop` came, or the axis did not get there in time.
+    /// Another cause to stop appeared, `Stop` came, or the guide did not come to rest or reach its target in time.
     Stopped,
 }
 
-/// Result of a tare: the readings that are zero from now on, and how good they were.
+/// Result of a tare: the new zero of the force, and its quality.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Tare {
-    /// Mean force of x and y, from now on the zero, in force counts from the converter's own zero.
+    /// Mean force of x and y, the new zero, in force counts from the calibration's zero.
     pub zero_counts: [i32; 2],
     /// Standard deviation of a single reading of x and y about the drift, in force counts.
     pub sd_counts: [u32; 2],
@@ -400,7 +401,7 @@ pub struct Tare {
     pub unique_codes: [u8; 2],
 }
 
-/// Different codes that a tare distinguishes. A sound converter gives another code nearly every time.
+/// Number of different codes up to which a tare counts. A working converter gives another code nearly every time.
 pub const UNIQUE_CODES: u8 = 24;
 
 /// Outcome of a program.

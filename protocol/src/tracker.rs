@@ -4,8 +4,8 @@ use crate::{Envelope, Message, Samples};
 
 /// Follows the envelopes of one device in the order of their arrival and reports what is missing between them.
 ///
-/// It learns the sample period from every `Hello` that passes; before the first (and after a restart, before the next)
-/// it judges no gap in time. Losses after the last envelope before a restart cannot be determined and are not counted.
+/// It takes the sample period from every `Hello`; before the first one (and after a restart, before the next one) it judges no gap
+/// in time. Losses between the last envelope before a restart and the restart cannot be determined and are not counted.
 #[derive(Debug, Clone, Default)]
 pub struct SequenceTracker {
     device: Option<Device>,
@@ -32,7 +32,7 @@ pub enum Order {
     Restarted,
     /// The same number as the one before it. Do not use it again.
     Duplicate,
-    /// An older number: reordered, or repeated. It was counted as missing if it is the first of its number. Do not use it.
+    /// An older number: the frame was reordered or repeated. A reordered one was already counted as missing. Do not use it.
     Late,
 }
 
@@ -53,7 +53,7 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// Whether no frame is missing and the envelope is to be used.
+    /// Whether the envelope is to be used and reveals no loss.
     pub fn is_clean(&self) -> bool {
         *self == Self::plain(self.order) && matches!(self.order, Order::First | Order::Next)
     }
@@ -121,7 +121,7 @@ impl SequenceTracker {
         arrival
     }
 
-    /// Compares boot and sequence, and begins again where the boot is another.
+    /// Compares boot and sequence; another boot begins a new sequence.
     fn place(&mut self, Envelope { boot_id, sequence, .. }: &Envelope) -> Arrival {
         let fresh = |dropped| {
             Some(Device { boot_id: *boot_id, sequence: *sequence, period_us: None, dropped, next_us: None })

@@ -52,7 +52,7 @@ pub(super) fn packed_differences_are_golden() -> Verdict {
     check(unpacked.map(|(_, sample)| sample).eq(readings), "other samples came out")
 }
 
-/// Pushes samples, checks every batch's samples against what went in, in order, and that all come out. Returns the batches.
+/// Packs samples, unpacks every batch, and checks that all samples come out unchanged and in order. Returns the number of batches.
 fn round_trip(count: u64, reading: impl Fn(u64) -> Sample) -> Result<u64, &'static str> {
     let mut packer = Packer::new(PERIOD_US);
     let (mut came_out, mut batches) = (0, 0);
@@ -178,7 +178,7 @@ pub(super) fn damaged_batches_are_refused_whole() -> Verdict {
     Ok(())
 }
 
-/// With realistic noise: what the documentation of [`crate::pack`] states.
+/// Bytes per sample with realistic noise, as the documentation of [`crate::pack`] states them.
 pub(super) fn bytes_per_sample_are_as_documented() -> Verdict {
     let mut noise = Noise(1);
     let mut packer = Packer::new(PERIOD_US);
@@ -212,7 +212,7 @@ impl Noise {
         self.0 >> 16
     }
 
-    /// Any number at all.
+    /// An arbitrary 32-bit number.
     fn bits(&mut self) -> i32 {
         (self.uniform() << 16 | self.uniform()) as i32
     }

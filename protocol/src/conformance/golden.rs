@@ -47,7 +47,7 @@ pub(super) fn envelopes_decode_from_their_golden_bytes() -> Verdict {
     decodes(ENVELOPES, EnvelopeReceiver::new())
 }
 
-/// The variants of an enum covered so far. A variant that is not listed does not compile.
+/// The variants of an enum covered so far. If a variant is not listed, the code does not compile.
 macro_rules! covered {
     ($name:ident: $type:ident { $($variant:ident)* }) => {
         #[derive(Default)]

@@ -83,7 +83,7 @@ pub(super) fn every_chunk_size_gives_the_same_envelope() -> Verdict {
     chunks::<_, MAX_BODY_TO_HOST>(ENVELOPES)
 }
 
-/// Feeds good, bad, good: exactly the two good messages come out, and the bad bytes cost exactly this.
+/// Feeds good, bad and good bytes: exactly the two good messages come out, and the bad bytes are counted as these losses.
 fn sandwich<T: Incoming + PartialEq, const N: usize>(
     (good, message): (&[u8], &T),
     bad: &[u8],
@@ -100,11 +100,11 @@ fn sandwich<T: Incoming + PartialEq, const N: usize>(
             }
         }
     }
-    check(arrived == 2, "bad bytes cost a good neighbour")?;
+    check(arrived == 2, "a good frame beside bad bytes was lost")?;
     check(receiver.losses() == cost, "bad bytes were counted as something else")
 }
 
-/// Change of a golden frame, given its length; `N` is the receiver's capacity. Returns the new length.
+/// Damages a golden frame of this length in its buffer and returns the new length.
 type Spoil<'a> = &'a dyn Fn(&mut Buffer, usize) -> usize;
 
 fn sandwiches_of<T: Incoming + PartialEq, const N: usize>(
@@ -184,7 +184,7 @@ pub(super) fn good_overlong_good() -> Verdict {
     sandwiches(&overlong, OVERLONG)
 }
 
-/// A receiver that restarted where its buffer is full would take the tails of these bodies for frames.
+/// A receiver that started again when its buffer is full would take the tails of these bodies for frames.
 fn valid_tails<T: Incoming, const N: usize>(golden: &[Golden<T>]) -> Verdict {
     golden.iter().try_for_each(|Golden { frame, .. }| {
         let mut valid = BUFFER;
@@ -224,7 +224,7 @@ pub(super) fn overlong_is_reported_once_and_dropped_until_the_delimiter() -> Ver
     check(receiver.losses() == OVERLONG, "not counted once")
 }
 
-/// The frame of any payload, intact.
+/// Writes the intact frame of any payload and returns its length.
 fn sealed(payload: &[u8], output: &mut Buffer) -> Result<usize, &'static str> {
     let mut plain = [0; MAX_PLAIN];
     plain.get_mut(..payload.len()).ok_or("test payload too long")?.copy_from_slice(payload);
@@ -259,7 +259,7 @@ pub(super) fn trailing_bytes_are_refused() -> Verdict {
         append(&mut longer, &mut length, extra)?;
         let longer = longer.get(..length).ok_or("test buffer too short")?;
         let id = unreadable::<Command, MAX_BODY_TO_DEVICE>(longer)?;
-        check(id == Some(300), "the id of a command with trailing bytes was not saved")?;
+        check(id == Some(300), "the id of a command with trailing bytes was not read")?;
 
         let (mut longer, mut length) = (BUFFER, 0);
         append(&mut longer, &mut length, payload(&envelope(Message::Ack { id: 9 }), &mut buffer)?)?;
@@ -287,7 +287,7 @@ pub(super) fn unreadable_command_gives_its_id() -> Verdict {
     let mut buffer = BUFFER;
     let unknown_request = payload(&(300_u16, 5_u32, 200_u32), &mut buffer)?;
     let id = unreadable::<Command, MAX_BODY_TO_DEVICE>(unknown_request)?;
-    check(id == Some(300), "the id of an unknown request was not saved")?;
+    check(id == Some(300), "the id of an unknown request was not read")?;
     let id = unreadable::<Command, MAX_BODY_TO_DEVICE>(&[0xFF, 0xFF, 0xFF, 0xFF])?;
     check(id.is_none(), "an id was read from something other than a command")
 }
@@ -325,7 +325,7 @@ pub(super) fn output_of_any_length_is_filled_or_refused() -> Verdict {
 }
 
 pub(super) fn text_is_cut_between_characters() -> Verdict {
-    check(Text::<4>::new("µmµ").as_str() == "µm", "two bytes of a character were parted")?;
+    check(Text::<4>::new("µmµ").as_str() == "µm", "a character was split")?;
     check(Text::<5>::new("µmµ").as_str() == "µmµ", "a text that fits was cut")?;
     check(Text::<0>::new("x").is_empty(), "a text of no capacity is not empty")
 }

@@ -1,4 +1,4 @@
-//! The files for clients in other languages, `protocol/spec/`: made from the types and the golden bytes, and held to them.
+//! The files for clients in other languages, `protocol/spec/`: generated from the types and the golden bytes, and compared with them.
 //!
 //! `NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec` writes them again.
 
@@ -147,12 +147,12 @@ fn vectors<T: Serialize>(golden: &[Golden<T>], is_batch: impl Fn(&T) -> bool) ->
         .collect()
 }
 
-/// Samples that can be unpacked, or no samples.
+/// False for samples that cannot be unpacked.
 fn is_batch(envelope: &Envelope) -> bool {
     !matches!(&envelope.message, Message::Samples(samples) if samples.unpack(1_000).is_err())
 }
 
-/// The limits of a calibration stand in the chapter.
+/// The chapter states the limits of a calibration.
 #[test]
 fn the_chapter_has_the_limits_of_a_calibration() {
     use crate::plausible::{FORCE_RANGE_LIMIT_MN, FULL_SCALE_TIMES, KNOT_STEP_UM, PLAY_LIMIT_UM};
@@ -199,7 +199,7 @@ fn the_test_vectors_for_other_languages_are_current() {
     is_current("vectors.json", &text(&vectors));
 }
 
-/// Every number of every list stands in the chapter, with its name.
+/// The chapter states the number and the name of every variant of these enums.
 #[test]
 fn the_chapter_names_every_number() {
     let chapter = fs::read_to_string(format!("{FOLDER}/protocol.md")).expect("the chapter");

@@ -1,4 +1,4 @@
-//! One channel of a batch: how few bits hold all of its readings, and their bits.
+//! One channel of a batch: the encoding with the fewest bits for all of its readings, and these bits.
 
 /// Channels of a sample.
 pub(super) const CHANNELS: usize = 4;
@@ -24,7 +24,7 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// Reads a head, and gives what follows it.
+    /// Reads a head; returns it and the bytes after it.
     pub fn read(bytes: &[u8]) -> Option<(Self, &[u8])> {
         let (first, tail) = bytes.split_first()?;
         let width = first & !DIFFERENCES;
