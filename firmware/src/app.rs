@@ -9,8 +9,8 @@
 //!
 //! Commands go to the control task through [`COMMANDS`], everything it sends goes to the send task through [`OUTBOX`], in
 //! order. The control task never waits for either: when the link is slow, whole batches of samples are dropped and counted
-//! ([`control::telemetry`]). It feeds the watchdog in every period in which the latest check-in of every background task is at
-//! most [`CHECK_IN_LIMIT_PERIODS`] old, so that no task can hang unnoticed.
+//! ([`control::telemetry`]). It feeds the watchdog as long as all background tasks check in at least once in
+//! [`CHECK_IN_LIMIT_PERIODS`], so that no task can hang unnoticed.
 
 mod link;
 
@@ -33,12 +33,12 @@ use static_cell::StaticCell;
 /// Entries of the outbox: half a second of batches, and some for answers and events.
 const OUTBOX_PLACES: usize = 24;
 const PERIOD: Duration = Duration::from_micros(PERIOD_US as u64);
-/// Time of every period that is reserved for the background tasks: three times their need while a host sends requests without a
-/// pause.
+/// Part of every period that is reserved for the background tasks: three times the time that they need while a host sends requests
+/// without a pause.
 const RESERVED: Duration = Duration::from_micros(200);
 /// Longest interval between two check-ins of a background task.
 const CHECK_IN: Duration = Duration::from_millis(25);
-/// Greatest age of a background task's latest check-in at which the watchdog is still fed, periods.
+/// Longest time without a check-in of every background task for which the watchdog is still fed, periods.
 pub const CHECK_IN_LIMIT_PERIODS: u32 = 100;
 
 static COMMANDS: Channel<CriticalSectionRawMutex, Command, 4> = Channel::new();
@@ -109,10 +109,10 @@ pub fn start(board: Board) {
         calibration.record().id.as_str()
     );
     if boot.is_blind {
-        error!("the watchdog has ended several starts on end: no sensor is read");
+        error!("the watchdog has ended several consecutive starts: no sensor is read");
     }
     if let Some(panic) = &boot.last_panic {
-        error!("the run before ended in a panic: {=str}", panic.as_str());
+        error!("the previous run ended in a panic: {=str}", panic.as_str());
     }
     static CALIBRATION: StaticCell<Calibration> = StaticCell::new();
     let calibration = CALIBRATION.init(calibration);
@@ -149,10 +149,10 @@ pub fn idle() {
 #[embassy_executor::task]
 async fn housekeep(is_blind: bool) {
     const STACK_EVERY: u32 = 40;
-    /// Time after the start at which the registers are read back: everything runs by then, and a host has had an answer that
-    /// reports the previous panic.
+    /// Round after the start in which the registers are read back, after a quarter of a second: everything runs by then, and a host
+    /// has had time to read the previous panic.
     const REGISTERS_AT: u32 = 10;
-    /// Time in which the answer is sent.
+    /// Time for the answer to be sent before the restart.
     const ANSWER_TIME: Duration = Duration::from_millis(100);
     let mut round = 0_u32;
     let mut verified = false;
@@ -229,9 +229,9 @@ async fn control(
     let mut meter = Meter { load: Load::default(), periods: 0 };
     let mut led = false;
     let mut silent_periods = 0_u32;
-    let mut left_out = false;
+    let mut skips_next = false;
 
-    // Whole periods since start, so that sample times are multiples of the period.
+    // The first period begins at a whole number of periods since start, so that sample times are multiples of the period.
     let mut due = Instant::from_micros(Instant::now().as_micros().next_multiple_of(PERIOD_US.into()));
     loop {
         due += PERIOD;
@@ -241,8 +241,8 @@ async fn control(
         // Periods that can no longer be caught up are skipped; the host finds the gap in the sample
         // times.
         due += PERIOD * (late.as_micros() / u64::from(PERIOD_US)) as u32;
-        // A period that was skipped, because the one before took too long, counts as late too.
-        late = late.max(PERIOD * u32::from(core::mem::take(&mut left_out)));
+        // If the period before took so long that one was skipped, this one counts as late.
+        late = late.max(PERIOD * u32::from(core::mem::take(&mut skips_next)));
 
         let received = RECEIVE_COUNTERS.lock(Cell::get);
         let outputs = controller.step(&Inputs {
@@ -285,7 +285,7 @@ async fn control(
         // Without a reserve, control periods that take too long would starve the background tasks: no host would be answered,
         // and the watchdog would not be fed.
         let late_us = (Instant::now().saturating_duration_since(due) + RESERVED).as_micros();
-        left_out = late_us > u64::from(PERIOD_US);
+        skips_next = late_us > u64::from(PERIOD_US);
         due += PERIOD * (late_us / u64::from(PERIOD_US)) as u32;
     }
 }

@@ -1,4 +1,4 @@
-//! Ends a program: by an exit code over semihosting, which QEMU ends with, and `probe-rs run` too.
+//! Ends a program with an exit code over semihosting, with which QEMU and `probe-rs run` then exit.
 
 /// Outcome of a run: the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,7 +11,7 @@ pub enum ExitCode {
     PlantGone = 3,
     /// The plant sent something that is no reply to the request.
     PlantRecord = 4,
-    /// The program touched something that is not modelled, or faulted.
+    /// The program accessed a register that is not modelled, or faulted.
     Fault = 5,
     /// The program panicked.
     Panic = 101,

@@ -1,8 +1,9 @@
-//! Instructions of a control period on the target, over all states and requests.
+//! Instructions of a control period on the target, over programs, requests and faults.
 //!
-//! Controller and telemetry run against a small plant of two actuators on springs. A host sends every request there is, in turn
-//! and at random times, programs of every kind of step among them; sensors fail now and then, and faults are cleared again. The
-//! count includes everything in the control interrupt except the drivers, which differ between QEMU and the board.
+//! Controller and telemetry run against a small plant of two actuators on springs. A host sends a request in every third period, in
+//! a fixed sequence of all requests except `AcknowledgeCalibration` and `Pulse`, with programs of every kind of step; sensors
+//! fail now and then, and faults are cleared again. The count includes everything in the control interrupt except the drivers,
+//! which differ between QEMU and the board.
 #![no_std]
 #![no_main]
 
@@ -37,7 +38,7 @@ impl Random {
     }
 }
 
-/// An outbox that drains as the line does, a batch in six periods.
+/// An outbox that drains by an item in six periods.
 struct Queue {
     items: Deque<Item, 24>,
 }
@@ -83,9 +84,9 @@ impl Plant {
     }
 }
 
-/// A host that requests everything.
+/// The host, which sends requests in a fixed sequence.
 struct Host {
-    /// It has yet to send a hello to this start.
+    /// Whether the next request is a hello.
     greets: bool,
     turn: u32,
     steps: [Step; MAX_STEPS],

@@ -1,5 +1,5 @@
-//! The online estimator on the target, in QEMU: runs over a recorded stream, and logs every estimate and the instructions of
-//! every update.
+//! The online estimator on the target, in QEMU: processes a recorded stream, and logs every estimate and the number of instructions
+//! per update.
 //!
 //! The recording `stream.bin` holds, in single precision: length and moving mass of the needle; wave number, frequency and four
 //! factors of each of five modes; then samples of time, depth, base, force and tip, in SI units.
@@ -12,7 +12,7 @@ use estimator::{Sample, Settings, Tracker};
 use firmware::qemu::{ExitCode, Recording, Stopwatch, exit};
 use static_cell::StaticCell;
 
-/// Modes, cells of 2 mm (90 mm of tissue), parameters, rows.
+/// The estimator with 5 modes, 45 cells of 2 mm (90 mm of tissue), 18 parameters and 128 rows.
 type TargetTracker = Tracker<f32, 5, 45, 18, 128>;
 
 static TRACKER: StaticCell<TargetTracker> = StaticCell::new();

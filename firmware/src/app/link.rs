@@ -84,7 +84,7 @@ pub(super) async fn send(port: BufferedUartTx<'static>, boot: BootInfo, calibrat
             Item::OutboundMessage(OutboundMessage::Calibration) => {
                 Message::Calibration(calibration.record().clone())
             }
-            // Telemetry itself acts on it.
+            // `Telemetry` handles this message and does not queue it.
             Item::OutboundMessage(OutboundMessage::Stream(_)) => continue,
         };
         link.send(message).await;
@@ -110,8 +110,7 @@ impl Link {
     }
 
     /// Writes all bytes, however long the line takes. A frame that the port refuses is a gap in the sequence, which the host
-    /// counts. The driver may miss to wake a writer that found too little room. Therefore it is polled, twice in the time in
-    /// which a full buffer is sent.
+    /// counts. The driver may fail to wake a writer that found too little room, so that the port is polled every [`ROOM`].
     async fn write(&mut self, mut bytes: &[u8]) {
         while !bytes.is_empty() {
             Background::Send.checks_in();

@@ -1,8 +1,8 @@
 //! The two H-bridges on timer outputs.
 //!
 //! Slow decay: one input stays high while the other carries the complement of the duty, so the motor alternates between
-//! drive and brake, which keeps speed proportional to duty down to small duties. Both inputs low is coast, and after a
-//! moment sleep in the usual bridge drivers.
+//! drive and brake, which keeps speed proportional to duty down to small duties. With both inputs low the motor coasts, and the
+//! usual bridge drivers soon enter their sleep mode.
 
 use super::pins::{BridgePins, bridges};
 use control::hal::Actuators;
@@ -14,7 +14,7 @@ use embassy_stm32::timer::simple_pwm::SimplePwmChannel;
 struct Bridge<T: GeneralInstance4Channel> {
     in1: SimplePwmChannel<'static, T>,
     in2: SimplePwmChannel<'static, T>,
-    /// Counts of a whole period, read once: the register is behind a bus.
+    /// Counts of a whole PWM period, read once because access to the register is slow.
     full: u32,
     enabled: bool,
 }

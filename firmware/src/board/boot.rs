@@ -1,4 +1,4 @@
-//! Number of this boot, and its cause.
+//! Identity of this boot, and its cause.
 
 use super::retained;
 use control::retained::ControllerState;
@@ -14,10 +14,10 @@ pub struct BootInfo {
     pub reset_reason: ResetReason,
     /// Location and message of the panic that ended the previous run.
     pub last_panic: Option<Text<PANIC_BYTES>>,
-    /// Fault and motor use of the previous run.
+    /// State of the controller from the previous run.
     pub retained: Option<ControllerState>,
-    /// Whether the watchdog ended the previous starts while they read the sensors, or soon after. The sensors are then not
-    /// read, so that the device can answer a host.
+    /// Whether the watchdog ended each of the previous [`HANGS`] starts before it had run for a quarter of a second, as when a
+    /// sensor hangs. The sensors are then not read, so that the device can answer a host.
     pub is_blind: bool,
 }
 
@@ -32,8 +32,8 @@ impl BootInfo {
     }
 }
 
-/// Reads and clears the reset flags. Returns the calibration that is to be stored too. The identity is set later, when the
-/// start is counted.
+/// Reads and clears the reset flags. Also returns a calibration that is to be stored. The identity is set later, when the start is
+/// counted.
 pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
     let retained = retained::take();
     let flags = RCC.csr().read();
@@ -72,7 +72,8 @@ pub(super) fn boot_id(count: u32) -> u32 {
     control::commands::first_token(chip, count)
 }
 
-/// A bijection that spreads every bit (the finaliser of MurmurHash3), so that chips of one wafer differ everywhere.
+/// A bijection that spreads every bit (the finaliser of MurmurHash3), so that similar numbers of chips give identities that differ
+/// in many bits.
 const fn mix(mut x: u32) -> u32 {
     x = (x ^ x >> 16).wrapping_mul(0x85EB_CA6B);
     x = (x ^ x >> 13).wrapping_mul(0xC2B2_AE35);

@@ -45,7 +45,7 @@ fn leave(info: &core::panic::PanicInfo) {
     }
 }
 
-/// An assertion of defmt panics like any other.
+/// An assertion of defmt, which has logged its message, ends the run too.
 #[defmt::panic_handler]
 fn defmt_panic() -> ! {
     cortex_m::interrupt::disable();

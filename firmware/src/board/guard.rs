@@ -1,4 +1,5 @@
-//! The guard below the stack: write-protected memory, so that a stack overflow faults before it overwrites the variables below.
+//! The guard at the lower end of the stack: write-protected memory, so that a stack overflow faults before it overwrites the
+//! variables below.
 //!
 //! The region can be read, so that the used depth of the stack is still measured over all of it ([`cortex_m_stack`]). Inside
 //! the hard fault the memory protection unit is off, so that the handler can use the guard as its own stack.
@@ -23,7 +24,7 @@ fn base() -> u32 {
 
 /// Closes the guard.
 pub(super) fn close() {
-    // SAFETY: the region lies in the stack's own memory, of which the part that far down is not in use.
+    // SAFETY: the region lies in the stack's own memory, whose lowest part is not in use.
     unsafe {
         let mpu = &*cortex_m::peripheral::MPU::PTR;
         mpu.rnr.write(REGION);

@@ -52,7 +52,7 @@ pub struct Board {
     pub calibration: Calibration,
     /// Source of the calibration.
     pub origin: Origin,
-    /// Number of this boot, and its cause.
+    /// Identity of this boot, and its cause.
     pub boot: BootInfo,
     /// Runs tasks at control priority.
     pub control: SendSpawner,
@@ -69,8 +69,8 @@ fn UART5() {
     unsafe { CONTROL.on_interrupt() }
 }
 
-/// Runs everything else in the interrupt of UART4, which is unused too: thread mode only sleeps, by an instruction that sleeps
-/// in QEMU as well (QEMU does not sleep at the executor's wait-for-event).
+/// Runs everything else in the interrupt of UART4, which is unused too, so that thread mode only runs [`crate::app::idle`]. (The
+/// idle loop of a thread-mode executor waits for an event, at which QEMU does not sleep.)
 static BACKGROUND: InterruptExecutor = InterruptExecutor::new();
 
 #[cortex_m_rt::interrupt]
@@ -91,7 +91,7 @@ pub fn take() -> Board {
     #[cfg(feature = "qemu")]
     crate::qemu::start_time();
 
-    // The watchdog does not run yet, so that a store may take longer than its limit.
+    // The watchdog does not run yet, so that writing to the flash may take longer than the watchdog's limit.
     let mut store = Store::new(pins.store.flash);
     boot.boot_id = boot::boot_id(count_start(&mut store));
     let (calibration, origin) = calibration(store, to_store);
@@ -156,7 +156,7 @@ fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibr
         Origin::Earlier => defmt::error!("a calibration beside the one that is used cannot be read any more"),
         Origin::Nominal => defmt::warn!("no calibration is stored: that of the rig as designed is used"),
         Origin::Lost => {
-            defmt::error!("the stored calibration cannot be used: that of the rig as designed is")
+            defmt::error!("the stored calibration cannot be used: that of the rig as designed is used")
         }
     }
     (choice.calibration, choice.origin)

@@ -1,6 +1,6 @@
 //! State that survives a reset, in memory that start-up does not initialize: the number of starts that the watchdog has ended,
-//! the last panic, a calibration that is to be stored at the next start, the latched fault and the motors' use of their duty
-//! cycle.
+//! the last panic, a calibration that is to be stored at the next start, and the state of the controller
+//! ([`control::retained`]).
 //!
 //! At power-on the content of the memory is arbitrary, so that every part has its own check.
 
@@ -20,7 +20,7 @@ const PANIC_MAGIC: u32 = 0x7061_6E63;
 #[repr(C)]
 struct Retained {
     kept_magic: u32,
-    /// Restarts by the watchdog on end, none of which ran for long.
+    /// Consecutive starts that the watchdog ended before they had run for a quarter of a second.
     hangs: u32,
     panic_magic: u32,
     panic_length: u32,
@@ -43,15 +43,15 @@ unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
 
 /// State from the previous run.
 pub(super) struct RetainedState {
-    /// Restarts by the watchdog on end, none of which ran for long.
+    /// Consecutive starts that the watchdog ended before they had run for a quarter of a second.
     pub(super) hangs: u32,
-    /// Whether the memory was valid, that is, the power was on before.
+    /// Whether the memory was valid, which shows that the power has stayed on.
     pub(super) kept: bool,
     /// Location and message of the panic that ended the previous run.
     pub(super) panic: Option<Text<PANIC_BYTES>>,
     /// A calibration that is to be stored.
     pub(super) calibration: Option<CalibrationRecord>,
-    /// Fault and motor use.
+    /// State of the controller.
     pub(super) controller: Option<ControllerState>,
 }
 
@@ -76,13 +76,13 @@ pub(super) fn take() -> RetainedState {
     }
 }
 
-/// Counts consecutive restarts by the watchdog.
+/// Sets the number of consecutive starts that the watchdog has ended.
 pub(super) fn count_hangs(hangs: u32) {
     // SAFETY: interrupts are off.
     cortex_m::interrupt::free(|_| unsafe { with(|retained| retained.hangs = hangs) });
 }
 
-/// Notes that this start has run long enough not to count as one that hangs.
+/// Notes that this start has run long enough not to count as a hang.
 pub fn runs() {
     count_hangs(0);
 }

@@ -41,13 +41,13 @@ impl Potentiometers {
 
     fn read(&mut self) -> [u16; 2] {
         // The first conversion after a pause of about a millisecond may be wrong (STM32L475 errata, "wrong ADC result if conversion
-        // done late after calibration or previous conversion"): therefore it is made twice, and the second one counts.
+        // done late after calibration or previous conversion"): therefore it is repeated, and only the repetition is used.
         convert(self.channels[0]);
         self.channels.map(convert)
     }
 }
 
-/// One averaged conversion. If it never ends, the watchdog resets.
+/// One averaged conversion. If it never ends, the watchdog resets the chip.
 fn convert(channel: u8) -> u16 {
     ADC1_REGISTERS.sqr1().write(|sequence| sequence.set_sq(0, channel));
     // The other bits act only when a one is written.
@@ -71,13 +71,13 @@ fn converter(pins: ConverterPins) -> (Converter, Input<'static>) {
     let bus = Spi::new_blocking(pins.spi, pins.sck, pins.mosi, pins.miso, config);
     let cs = Output::new(pins.cs, Level::High, Speed::High);
     let Ok(device) = ExclusiveDevice::new_no_delay(bus, cs);
-    // The pull-up makes an absent converter one without data.
+    // With the pull-up an absent converter reports no data.
     (Ads131m02::new(device), Input::new(pins.data_ready, Pull::Up))
 }
 
 /// All sensors.
 pub struct BoardSensors {
-    /// `None` where a sensor made the previous starts hang. Only the emergency stop is read then.
+    /// `None` if previous starts hung. Then only the emergency stop is read.
     potentiometers: Option<Potentiometers>,
     converter: Converter,
     data_ready: Input<'static>,
@@ -127,7 +127,7 @@ impl BoardSensors {
     }
 }
 
-/// Code that stands for a potentiometer that is not read; it is beyond every track.
+/// Code of a potentiometer that is not read, beyond every track.
 const NOT_READ: u16 = u16::MAX;
 
 impl Sensors for BoardSensors {

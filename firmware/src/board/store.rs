@@ -14,7 +14,7 @@ use embassy_stm32::peripherals::FLASH;
 use control::slots::SLOTS;
 use control::starts;
 
-/// Largest number of bytes in a page.
+/// Largest number of bytes that are stored in a page.
 pub const STORE_BYTES: usize = 512;
 /// Size of a page.
 const PAGE_BYTES: u32 = 2048;
@@ -25,7 +25,7 @@ const FIRST_OFFSET: u32 = 1024 * 1024 - PAGES as u32 * PAGE_BYTES;
 /// Byte of erased flash.
 const ERASED: u8 = 0xFF;
 
-/// Reason for which nothing was stored.
+/// Reason for which the bytes were not stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum StoreError {
     /// More than [`STORE_BYTES`].
@@ -98,8 +98,8 @@ impl Store {
         self.compare(begins, bytes)
     }
 
-    fn program(&mut self, page: u32, bytes: &[u8]) -> Result<(), StoreError> {
-        for (offset, chunk) in (page..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
+    fn program(&mut self, begins: u32, bytes: &[u8]) -> Result<(), StoreError> {
+        for (offset, chunk) in (begins..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
             let mut cell = [ERASED; WRITE_SIZE];
             cell[..chunk.len()].copy_from_slice(chunk);
             self.flash.blocking_write(offset, &cell)?;
@@ -107,8 +107,8 @@ impl Store {
         Ok(())
     }
 
-    fn compare(&mut self, page: u32, bytes: &[u8]) -> Result<(), StoreError> {
-        for (offset, chunk) in (page..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
+    fn compare(&mut self, begins: u32, bytes: &[u8]) -> Result<(), StoreError> {
+        for (offset, chunk) in (begins..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
             let mut buffer = [0; WRITE_SIZE];
             let page_bytes = &mut buffer[..chunk.len()];
             self.flash.blocking_read(offset, page_bytes)?;

@@ -1,6 +1,6 @@
 //! The pipes to the plant, through semihosting.
 //!
-//! QEMU's console carries the log's binary stream, so that this module must not print.
+//! QEMU's console carries the binary stream of the log, so this module must not print.
 
 use super::trap;
 use crate::exit::{ExitCode, exit};
@@ -29,7 +29,7 @@ impl Link {
         }
     }
 
-    /// One exchange; does not return where the plant ends the run.
+    /// One exchange; does not return if the plant ends the run.
     pub(super) fn exchange(&mut self, request: &PlantRequest) -> PlantReply {
         if !self.write(&request.to_bytes()) {
             plant_gone(request.step)
@@ -129,12 +129,12 @@ pub(super) fn store(name: &CStr, bytes: &[u8]) {
 pub struct Recording(OwnedFd);
 
 impl Recording {
-    /// Opens it; `None` where there is none.
+    /// Opens the recording; `None` if the file does not exist.
     pub fn open(name: &CStr) -> Option<Self> {
         sys_open(name, OpenMode::RDONLY_BINARY).ok().map(Self)
     }
 
-    /// The next numbers; nothing at the end.
+    /// The next numbers; `None` at the end.
     pub fn numbers<const N: usize>(&mut self) -> Option<[f32; N]> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {

@@ -33,9 +33,9 @@ pub(crate) struct Unmodelled;
 
 /// Register access to one peripheral; offsets count from its base.
 pub(crate) trait Registers {
-    /// The value that a load finds.
+    /// Returns the value that a load reads.
     fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled>;
-    /// The effect of a store.
+    /// Carries out a store.
     fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled>;
 }
 
@@ -143,7 +143,7 @@ impl Machine {
     }
 }
 
-/// The machine; the head of this module has the rule of its use.
+/// The machine; the documentation of this module states who may use it.
 struct Shared(UnsafeCell<Machine>);
 
 // SAFETY: `with_machine` is the only access, and its callers never overlap.
@@ -161,7 +161,7 @@ unsafe fn with_machine<R>(work: impl FnOnce(&mut Machine) -> R) -> R {
     work(unsafe { &mut *MACHINE.0.get() })
 }
 
-/// Puts the stand-ins in place; before the first access to any peripheral.
+/// Puts the models in place; call it before the first access to any peripheral.
 pub fn install() {
     let reset_flags = peripherals::take_reset_flags();
     // SAFETY: nothing else runs yet, and the flags are no trapped register.

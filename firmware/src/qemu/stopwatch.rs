@@ -1,5 +1,5 @@
-//! Counting instructions in QEMU, where time is their number: SysTick against a loop of known length. For programs that measure;
-//! SysTick must not be in use for anything else.
+//! Counts instructions in QEMU, where time is proportional to their number: SysTick, calibrated by a loop of known length. SysTick
+//! must not be in use for anything else.
 
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;

@@ -84,15 +84,15 @@ impl SysTickTime {
             peripherals::watchdog_reset();
         }
         if let Some(byte) = waiting {
-            // The register is trapped, so the model sees it leave as it sees all others.
+            // The register is trapped, so that the model counts this byte like any other.
             SERIAL.tdr().write(|w| w.0 = byte);
         }
     }
 }
 
-/// Calls itself until something ends it.
+/// Calls itself until the stack overflows.
 #[inline(never)]
-#[allow(unconditional_recursion, reason = "that is what it is for")]
+#[allow(unconditional_recursion, reason = "its purpose is a stack overflow")]
 fn use_up_the_stack(depth: u32) -> u32 {
     let block = core::hint::black_box([depth; 32]);
     use_up_the_stack(depth.wrapping_add(1)).wrapping_add(block[0])
@@ -114,7 +114,7 @@ impl Driver for SysTickTime {
     }
 }
 
-/// Opens the link to the plant and starts time; after the clocks are set.
+/// Opens the link to the plant and starts time; call it after the clocks are set.
 pub fn start_time() {
     cortex_m::interrupt::free(|cs| *TIME.link.borrow(cs).borrow_mut() = Some(Link::open()));
     // SAFETY: SysTick is used here only.
@@ -126,7 +126,7 @@ pub fn start_time() {
     systick.enable_counter();
 }
 
-/// Ends the running period at once where nothing is left to do in it; with interrupts masked.
+/// Ends the running period at once if no exception is pending; call it with interrupts masked.
 ///
 /// In QEMU a sleeping core takes far more time than a running one: the main loop has to wake up, advance the clock and wake the
 /// core's thread, which on a virtual machine is most of the time of a period. Only the end of the period could wake it anyway:

@@ -1,8 +1,8 @@
 //! Trap and emulate: makes accesses to the modelled peripherals fault, and performs them in the fault handler.
 //!
-//! The memory protection unit covers the pages without access rights and is off inside the fault handler, which may
-//! therefore touch the real device (the serial port's registers, which QEMU accepts as words only, and GPIO). The memory
-//! fault is left disabled, so it escalates to a hard fault, which preempts everything, critical sections included.
+//! The memory protection unit denies access to these addresses and is off inside the fault handler, which may therefore access
+//! QEMU's own device (the serial port's registers, which QEMU accepts as words only, and GPIO). The memory fault is left
+//! disabled, so it escalates to a hard fault, which preempts everything, critical sections included.
 //!
 //! Accesses are costly (about 200 instructions), so regions are as tight as the hardware allows: of the serial port
 //! only the block with ICR, RDR and TDR, of GPIO only port B.
@@ -24,7 +24,7 @@ struct Region {
     open_eighths: u32,
 }
 
-/// All but the last region of the unit, which is the guard below the stack.
+/// All regions of the unit but the last one, which is the guard of the stack.
 const REGIONS: [Region; 7] = [
     // TIM2 and TIM3 in the first eighth (4 KiB), IWDG in the fourth, PWR in the last.
     Region { base: 0x4000_0000, size_log2: 15, open_eighths: 0b0111_0110 },
@@ -119,7 +119,7 @@ unsafe extern "C" fn HardFault() {
 /// # Safety
 /// `frame` and `saved` (r4 to r11) are the stacked registers of the interrupted code.
 unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return: u32) {
-    // An exception frame in the guard was not stacked, and only an address in code can be decoded. SAFETY: the entry code
+    // An exception frame in the guard was not stacked, and only an instruction in the flash can be decoded. SAFETY: the entry code
     // passes the frame's address, which is in the stack's memory in any case.
     if guard::contains(frame as u32) || !CODE.contains(unsafe { &(*frame).pc }) {
         // SAFETY: as above.
@@ -137,7 +137,7 @@ unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return
         0..=3 => frame.r0_to_r3[usize::from(register)] = value,
         4..=11 => saved[usize::from(register) - 4] = value,
         12 => frame.r12 = value,
-        // The decoder refuses the stack pointer and the program counter.
+        // What remains is LR: the decoder refuses the stack pointer and the program counter.
         _ => frame.lr = value,
     };
     let mut transfer = |register: u8, word: u32| {

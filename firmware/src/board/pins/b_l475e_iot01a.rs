@@ -101,7 +101,7 @@ pub(crate) fn bridges(pins: BridgePins) -> (Inputs<peripherals::TIM3>, Inputs<pe
     ([x.ch3, x.ch4], [y.ch1, y.ch3])
 }
 
-/// The registers in which this board's pins are.
+/// The registers whose contents depend on this board's pins.
 pub(crate) const REGISTERS: [Register; 8] = [
     // 92.5 cycles for channels 13 and 14 [18.6.7], which the analog switches connect [8.5.12].
     register("ADC1.SMPR2", || ADC1.smpr(1).read().0, 0b11_1111 << 9, 0b10_1101 << 9),
@@ -136,7 +136,7 @@ pub(crate) mod emulated {
     /// The converter's data-ready pin.
     pub(crate) const DATA_READY: (Gpio, usize) = (GPIOD, 14);
 
-    /// The LED is lit: its pin in port B, whose output is given, is high.
+    /// Whether the LED is lit: its pin is high in port B, whose output is given.
     pub(crate) fn led(port_b: u32) -> bool {
         port_b & 1 << 14 != 0
     }

@@ -1,7 +1,7 @@
 //! Pins and clocks: a file for each board, chosen by a feature of its name, and what all boards share.
 //!
-//! A board's file states its pins by purpose, its serial port, the channels of its bridges, the registers with contents of its
-//! own, and the pins at which the emulation in QEMU finds the signals. The rest of the firmware is the same on every board.
+//! A board's file states its pins by purpose, its serial port, the channels of its bridges, the registers whose contents depend on
+//! the board, and the pins at which the emulation in QEMU finds the signals. The rest of the firmware is the same on every board.
 //!
 //! The bridges' inputs need pull-downs (integrated in the usual drivers): they hold the bridges off while the
 //! microcontroller is in reset. Control runs in the interrupt of UART5, the background tasks in that of UART4; both peripherals
@@ -36,7 +36,7 @@ pub const CORE_CLOCK: Hertz = Hertz(80_000_000);
 pub const SERIAL_BAUD: u32 = 460_800;
 /// Frequency of the bridges' PWM: above hearing, below the limit of the usual bridges.
 pub const PWM_FREQUENCY: Hertz = Hertz(20_000);
-/// Clock of the converter's SPI. The chip accepts 25 MHz, but wires to a header do not carry it.
+/// Clock of the converter's SPI. The chip accepts 25 MHz, but jumper wires to a header do not carry that frequency.
 pub const SPI_FREQUENCY: Hertz = Hertz(5_000_000);
 /// Time without feeding after which the watchdog resets: a few control periods only, as a control task that hangs leaves the
 /// bridges driven.

@@ -101,7 +101,7 @@ pub(crate) fn bridges(pins: BridgePins) -> (Inputs<peripherals::TIM3>, Inputs<pe
     ([x.ch3, x.ch4], [y.ch3, y.ch4])
 }
 
-/// The registers in which this board's pins are.
+/// The registers whose contents depend on this board's pins.
 pub(crate) const REGISTERS: [Register; 9] = [
     // 92.5 cycles for channels 5 and 6 [18.6.6], which the analog switches connect [8.5.12].
     register("ADC1.SMPR1", || ADC1.smpr(0).read().0, 0b11_1111 << 15, 0b10_1101 << 15),
@@ -115,7 +115,7 @@ pub(crate) const REGISTERS: [Register; 9] = [
     register("GPIOB.AFRH", || GPIOB.afr(1).read().0, 0xFF << 8, 0x11 << 8),
     // The serial port's pins, PA2 and PA3, on USART2 (AF7).
     register("GPIOA.AFRL", || GPIOA.afr(0).read().0, 0xFF << 8, 0x77 << 8),
-    // It runs from the undivided bus, as no other clock is chosen [6.4.28].
+    // The serial port runs from the undivided bus clock, as no other clock is chosen [6.4.28].
     register("RCC.CCIPR/USART2", || embassy_stm32::pac::RCC.ccipr().read().0, 0b11 << 2, 0),
     // 80 MHz / 460.8 kBaud, oversampled 16 times [40.8.4].
     register("USART2.BRR", || SERIAL.brr().read().0, 0xFFFF, 174),
@@ -140,7 +140,7 @@ pub(crate) mod emulated {
     /// The converter's data-ready pin.
     pub(crate) const DATA_READY: (Gpio, usize) = (GPIOA, 10);
 
-    /// The LED is lit: its pin is high, in a port that is not watched.
+    /// Whether the LED is lit: its pin is high, in a port that the emulation does not observe.
     pub(crate) fn led(_port_b: u32) -> bool {
         GPIOA.odr().read().odr(5) == embassy_stm32::pac::gpio::vals::Odr::HIGH
     }

@@ -37,7 +37,7 @@ pub(crate) struct Adc {
     pub(crate) potentiometer_codes: [u16; 2],
     /// Duration of a conversion, microseconds; [`NEVER`] for one that does not end.
     pub(crate) conversion_us: u16,
-    /// When the running conversion ends, device time.
+    /// Device time at which the running conversion ends, microseconds.
     due_us: Option<u64>,
     isr: u32,
     cr: u32,

@@ -1,7 +1,7 @@
 //! The flash interface and the last four pages of the flash, on the model that the host's tests use too.
 //!
-//! The pages' memory survives a reset of the core, as flash does. At power-on it is what the file `flash.bin` in QEMU's working folder
-//! holds, page after page, and erased without one; when power is switched off, the file gets what the pages hold.
+//! The pages' memory survives a reset of the core, as flash does. At power-on it is loaded from the file `flash.bin` in QEMU's
+//! working folder, page after page, or is erased if there is no file; at power-off it is written to that file.
 
 use crate::qemu::{Registers, Unmodelled};
 use core::mem::MaybeUninit;
@@ -24,7 +24,7 @@ struct Memory {
 #[unsafe(link_section = ".uninit.page")]
 static mut MEMORY: MaybeUninit<Memory> = MaybeUninit::uninit();
 
-/// Power is switched off: the file gets what the pages hold.
+/// Writes the pages to the file, at power-off.
 pub(crate) fn power_off() {
     // SAFETY: as in `parts`; nothing else runs any more.
     let memory = unsafe { &*ptr::addr_of!(MEMORY).cast::<Memory>() };
@@ -43,13 +43,13 @@ impl Flash {
         Self { model: FlashModel::new() }
     }
 
-    /// Power has come on, unless the memory has been kept: takes the file's content. Before anything is trapped.
+    /// Loads the file at power-on, which is a start at which the memory is not valid. Call it before any address is trapped.
     pub(crate) fn power_on(&mut self) {
         // SAFETY: as in `parts`.
         let memory = unsafe { &mut *ptr::addr_of_mut!(MEMORY).cast::<Memory>() };
         if memory.magic != MAGIC {
             let (_, pages) = self.parts();
-            // Without the file, or with one that is too short, what is missing stays erased.
+            // Bytes that the file does not have stay erased.
             pages.as_flattened_mut().fill(ERASED);
             crate::qemu::link::load(c"flash.bin", pages.as_flattened_mut());
         }

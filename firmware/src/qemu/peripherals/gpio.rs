@@ -1,7 +1,7 @@
-//! GPIO: port B watched for the chip select and the LED, and the plant's levels put on two inputs.
+//! GPIO: observes port B for the chip select and the LED, and sets two inputs to the plant's levels.
 //!
 //! QEMU models GPIO, so accesses to port B are passed on and only observed. The inputs need no trap: QEMU gives an input
-//! that nothing drives the level of its pull resistor, so turning the pull of the pin is the switch in the plant.
+//! that nothing drives the level of its pull resistor, so the model sets the level by the pin's pull.
 
 use crate::board::pins::emulated;
 use crate::qemu::{Registers, Unmodelled};
@@ -11,6 +11,7 @@ use emulation::thumb::Width;
 
 /// Registers of a port: MODER to ASCR.
 const LAST: u32 = 0x2C;
+
 /// Port B.
 pub(crate) struct Gpio {
     /// Output data register as last read.
@@ -24,12 +25,12 @@ impl Gpio {
         Self { output: 0, edge: None }
     }
 
-    /// The LED is lit.
+    /// Whether the LED is lit.
     pub(crate) fn led(&self) -> bool {
         emulated::led(self.output)
     }
 
-    /// The level to which the chip select has changed, once.
+    /// Takes the level to which the chip select has changed since the last call, if it has.
     pub(crate) fn take_chip_select_edge(&mut self) -> Option<bool> {
         self.edge.take()
     }
@@ -53,7 +54,7 @@ impl Registers for Gpio {
         if width != Width::Word || offset > LAST {
             return Err(Unmodelled);
         }
-        // SAFETY: the program wants to write this register of port B; it is done in its stead.
+        // SAFETY: the program writes this register of port B, and the write is carried out for it.
         unsafe { port_b(offset).write_volatile(value) };
         let output = GPIOB.odr().read().0;
         if (output ^ self.output) & emulated::CHIP_SELECT != 0 {

@@ -81,7 +81,7 @@ impl Registers for Iwdg {
 const WATCHDOG_MARK: u32 = 0x7764_6F67;
 /// Left in memory before a brown-out reset.
 const BROWN_OUT_MARK: u32 = 0x6272_6F77;
-/// Left in memory by every start: the next one without another mark is a reset by software.
+/// Left in memory by every start: a start that finds it follows a reset by software.
 const RUNNING_MARK: u32 = 0x7275_6E6E;
 
 /// Survives a reset of the core.
@@ -107,7 +107,7 @@ pub(crate) fn watchdog_reset() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-/// Resets the core as a sagging supply does that comes back before the memory has lost anything.
+/// Resets the core as a sagging supply does that recovers before the memory loses its content.
 pub(crate) fn brown_out_reset() -> ! {
     defmt::error!("brown-out: reset");
     replace_mark(BROWN_OUT_MARK);

@@ -1,7 +1,7 @@
 //! Software models of the peripherals that QEMU lacks, or models differently from the chip.
 //!
-//! Each models the functions that the drivers of this project need, lists them in its head, and refuses the rest, so that a
-//! driver that uses another function ends with an error instead of reading zeros.
+//! Each model has the functions that the drivers of this project need, which its documentation lists, and refuses all others, so
+//! that a driver that uses another function ends with an error instead of reading zeros.
 
 mod adc;
 mod flash;

@@ -1,7 +1,7 @@
 //! Registers that only have to keep what is written, or hold a constant: power control, unique number.
 //!
 //! The drivers set the write permission of the backup domain and the supply of the second I/O group, and read them
-//! back. These peripherals have no effect.
+//! back. The bits have no further effect here.
 
 use crate::qemu::{Registers, Unmodelled};
 use emulation::thumb::Width;
@@ -46,7 +46,7 @@ impl UniqueId {
         Self { bytes: *b"QEMU no file" }
     }
 
-    /// Takes the file's content; before anything is trapped.
+    /// Loads the file; call it before any address is trapped.
     pub(crate) fn power_on(&mut self) {
         crate::qemu::link::load(c"unique-id.bin", &mut self.bytes);
     }

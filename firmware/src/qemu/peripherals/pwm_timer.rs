@@ -1,8 +1,8 @@
 //! A general-purpose timer (TIM2, TIM3) as a PWM generator.
 //!
-//! All registers keep what is written; the counter does not run and nothing raises an interrupt. The output of a channel
-//! is what its compare value would make of it in PWM mode 1, from the next exchange on (the chip: from the next PWM
-//! period on). Interrupts, DMA and other modes are refused.
+//! All registers keep what is written; the counter does not run, and there are no interrupts. The output of a channel follows from
+//! its compare value in PWM mode 1, from the next exchange with the plant on (in the chip from the next PWM period on).
+//! Interrupts, DMA and other modes are refused.
 
 use crate::qemu::{Registers, Unmodelled};
 use emulation::plant::FULL_SCALE;
@@ -37,7 +37,7 @@ impl PwmTimer {
         self.registers[offset as usize / 4]
     }
 
-    /// Share of the period that the output of a channel (0 to 3) is high, if the timer drives it.
+    /// Fraction of the period for which the output of a channel (0 to 3) is high, if the timer drives it.
     pub(crate) fn output(&self, channel: u32) -> Option<u16> {
         let enabled = self.register(CCER) >> (4 * channel) & 1 != 0;
         let mode = self.register(CCMR1 + 4 * (channel / 2)) >> (8 * (channel % 2) + 4) & 7;
@@ -66,7 +66,7 @@ impl Registers for PwmTimer {
     fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
         match offset {
             _ if !covers(offset, width) => return Err(Unmodelled),
-            // The update event acts on preloaded registers, which act at once here.
+            // The update event loads preloaded registers, which take effect at once here.
             EGR => {}
             DIER if value != 0 => return Err(Unmodelled),
             CR1..=CCR4 => self.registers[offset as usize / 4] = value,

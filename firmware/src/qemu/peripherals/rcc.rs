@@ -1,6 +1,6 @@
 //! Reset and clock control, for the flags of the last reset; all else is passed on to QEMU's own model.
 //!
-//! QEMU has none of the flags and no way to set them. They are in CSR above the bit that clears them.
+//! QEMU has none of these flags and no way to set them. In CSR they are above the bit that clears them.
 
 use crate::qemu::{Registers, Unmodelled};
 use embassy_stm32::pac::RCC;
@@ -47,7 +47,7 @@ impl Registers for Rcc {
         if offset == CSR && Csr(value).rmvf() {
             self.reset_flags = Csr(0);
         }
-        // SAFETY: the program wants to write this register; it is done in its stead.
+        // SAFETY: the program writes this register, and the write is carried out for it.
         unsafe { register(offset).write_volatile(value) };
         Ok(())
     }

@@ -1,10 +1,10 @@
 //! The registers of the serial port that QEMU treats differently from the chip; they are passed on to QEMU's own model.
 //!
-//! QEMU takes words only, where drivers use bytes for the data registers. And its ICR clears any status bit that is
-//! written, where the chip ignores the bits that ICR does not have: drivers acknowledge by writing the whole status,
-//! which would clear "transmit register empty" and stop the transmission.
+//! QEMU accepts words only, but drivers use bytes for the data registers. QEMU's ICR also clears any status bit that is written,
+//! whereas the chip ignores the bits that ICR does not have: drivers acknowledge by writing the whole status, which would
+//! clear "transmit register empty" and stop the transmission.
 //!
-//! The same flags give the line its speed. QEMU transmits at once; here the plant sets the number of bytes that the line
+//! The same flags limit the speed of the line. QEMU transmits at once; here the plant sets the number of bytes that the line
 //! carries per period. After these the next byte is held back, and "transmit register empty" and "transmission complete" are
 //! cleared, as in the chip while a byte waits. The driver waits for its interrupt; the byte goes to QEMU in the next period,
 //! which sets both flags again.
@@ -26,7 +26,7 @@ const TRANSMITTED: u32 = 1 << 6 | 1 << 7;
 pub(crate) struct Usart {
     /// Bytes that the line still carries in this period.
     budget: u16,
-    /// The byte that waits for the next one.
+    /// The byte that waits for the next period.
     waiting: Option<u32>,
 }
 
