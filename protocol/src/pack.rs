@@ -7,12 +7,12 @@
 //! | in this order | bytes | what |
 //! |---|---|---|
 //! | four heads, one per channel | 2 to 11 each | |
-//! | &nbsp; width | 1 | bits of each reading, 0 to 32; 128 more where differences are written |
+//! | &nbsp; width | 1 | bits of each reading, 0 to 32, plus 128 if differences are written |
 //! | &nbsp; base | 1 to 5 | a postcard `i32` (zigzag varint): base that is added to every reading |
 //! | &nbsp; start | 0, or 1 to 5 | a postcard `i32`, for differences only: value to which the first difference is added |
 //! | the samples | | each the four readings' bits, the lowest first, without gaps; zeros fill the last byte |
 //!
-//! A reading is the value of its bits plus the base. Where differences are written, the reading before is added too (wrapping).
+//! A reading is the value of its bits plus the base. If differences are written, the reading before is added too (wrapping).
 //! The packer writes each channel in the shorter form: readings while there is only noise, differences while the guide moves or
 //! the force rises. With position noise of 3 counts and force noise of 100 counts (standard deviations) a sample takes 3.7
 //! bytes packed and 4.6 bytes on the line, its share of the frame (27 bytes for 32 samples) included, against 16 bytes as plain

@@ -1,10 +1,10 @@
 //! The position loop of one axis: a lead-screw actuator with a potentiometer.
 //!
 //! The setpoint's speed is fed forward, the position error is fed back (proportional and integral). A brushed gear motor does
-//! not turn below a certain duty, so every wanted speed is mapped to a duty beyond that dead band. Once the setpoint stands
-//! still and the error is within [`SETTLE_UM`], the drive brakes; if the axis then comes to rest further away, it approaches
-//! again a few times. From then on the drive stays off until the error exceeds [`REENGAGE_ERROR_UM`]: the screw holds by
-//! itself, and a drive that follows the noise of the potentiometer only wears it out.
+//! not turn below a certain duty, so every wanted speed is mapped to a duty beyond that dead band. Once the setpoint is at rest
+//! and the error is within [`SETTLE_UM`], the drive brakes; if the axis then comes to rest further away, it approaches again a
+//! few times. From then on the drive only brakes until the error exceeds [`REENGAGE_ERROR_UM`]: the screw holds by itself, and a
+//! drive that follows the noise of the potentiometer would only wear out the motor.
 //!
 //! The axis also keeps the direction of its last motion ([`Axis::rising`]). The calibration has a table for each direction and
 //! changes from one to the other over [`PLAY_PERIODS`] of driving, so that the position never jumps.
@@ -41,7 +41,8 @@ pub const PROVING_SPEED_UM_S: f32 = 4_400.0;
 /// Duration of drive in one direction that takes up the play between screw and potentiometer, periods.
 pub const PLAY_PERIODS: u16 = 20;
 
-/// Motion within [`STILL_PERIODS`] below which an axis is at rest, micrometres: above the noise of a potentiometer, and 2 mm/s.
+/// Motion within [`STILL_PERIODS`] below which an axis is at rest, micrometres: more than the noise of a potentiometer; a speed of
+/// 2 mm/s.
 const STILL_UM: f32 = 100.0;
 /// Periods without motion after which an axis is at rest.
 pub const STILL_PERIODS: u16 = 50;
@@ -68,9 +69,9 @@ pub struct Axis {
     outliers: Outliers,
     accepted_um: f32,
     speed_limit_um_s: f32,
-    /// Position of the axis when it had last moved, micrometres.
+    /// Position of the axis after its latest motion, micrometres.
     anchor_um: f32,
-    /// Number of periods for which it has stayed near that position without drive.
+    /// Number of periods for which the axis has stayed near that position without drive.
     still_periods: u16,
 }
 
@@ -119,7 +120,7 @@ impl Axis {
         expected_um
     }
 
-    /// Notes that the motor was driven in this period: it may coast for several lags, however little it has moved so far.
+    /// Notes that the motor was driven in this period: it may still coast, however little it has moved so far.
     pub fn drives(&mut self) {
         self.still_periods = 0;
     }
@@ -150,12 +151,12 @@ impl Axis {
         self.duty
     }
 
-    /// Whether the drive has been off long enough at the setpoint.
+    /// Whether the axis has rested at its setpoint for long enough.
     pub fn is_settled(&self) -> bool {
         self.quiet_periods >= SETTLE_PERIODS
     }
 
-    /// Whether the axis has coasted after braking and has come to rest further than [`SETTLE_UM`] from the setpoint.
+    /// Whether an axis that has braked for long enough may approach its setpoint once more.
     fn stopped_off_target(&self) -> bool {
         self.quiet_periods == SETTLE_PERIODS - 1 && self.approaches < APPROACHES
     }

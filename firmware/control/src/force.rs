@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_that_stand_still_but_for_their_last_bit_are_noticed_on_either_channel() {
+    fn codes_that_are_frozen_except_for_their_last_bit_are_doubtful_on_either_channel() {
         let (calibration, mut force) = (Calibration::default(), ForceChannel::new());
         for index in 0..10 {
             force.update(&calibration, &Ok([1_000 * index, 77 + index % 2]));

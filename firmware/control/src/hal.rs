@@ -1,5 +1,4 @@
-//! Interface that the control logic requires of a board: three small traits, so that another board is one more
-//! implementation and the logic runs against a simulated rig in tests.
+//! Interface that the control logic requires of a board: three small traits, which every board implements.
 
 pub use crate::ads131m02::ForceFault;
 
@@ -33,6 +32,6 @@ pub trait Actuators {
 pub trait Panel {
     /// Lights the status LED.
     fn led(&mut self, on: bool);
-    /// Feeds the watchdog, which postpones its reset by one period.
+    /// Feeds the watchdog, which otherwise resets the chip.
     fn feed_watchdog(&mut self);
 }

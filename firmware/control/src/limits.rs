@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | a force that is beyond a limit, saturated, or jumps by more than any motion makes | the second among the latest [`FORCE_READINGS`] | one outlier is no fault; single true readings with a hundred false ones between them reveal a load |
 //! | a position that is beyond the track or the travel, or jumps | the second among the latest [`WINDOW_READINGS`] | one outlier is no fault, nor is a wiper with a bad contact now and then |
-//! | a force that is missing, or repeated to the last bit | [`DOUBTFUL_READINGS`] of the latest [`WINDOW_READINGS`] | the remaining readings reveal a load in time |
+//! | a force that is missing, or repeated except for the last bit | [`DOUBTFUL_READINGS`] of the latest [`WINDOW_READINGS`] | the remaining readings reveal a load in time |
 //!
 //! **Overshoot.** While nothing is latched, fewer than [`DOUBTFUL_READINGS`] of any [`WINDOW_READINGS`] readings are missing or
 //! repeated, and the first false one may pass as a true one, because it repeats nothing. So any [`LATEST_READINGS`] readings
@@ -20,8 +20,8 @@
 //! beyond the limit, or jump from the others; where one reading in `n` is true, that takes up to `2 n` periods.
 //!
 //! **False faults.** Two spikes in the window are a fault: `n` spikes an hour cause `n * n * 128 / 3,600,000` false faults an
-//! hour. One spike a minute causes one false fault in eight hours. A code is repeated where it is within [`REPEATED_CODES`] of
-//! one of the [`REMEMBERED_CODES`] before it. With the converter's own noise alone (0.4 uV at this gain and rate, 350 codes) 1
+//! hour. One spike a minute causes one false fault in eight hours. A code counts as repeated if it is within [`REPEATED_CODES`] of
+//! one of the [`REMEMBERED_CODES`] codes before it. With the converter's own noise alone (0.4 uV at this gain and rate, 350 codes) 1
 //! % of the readings count as repeated, and eight of 32 do so once in a hundred hours. With the noise of a cell (5 mN, 5,400
 //! codes) it is 0.07 %, and eight of 32 never occur. Noise of 0.02 N with 0.1 N of hum changes a reading by 0.14 N (five
 //! standard deviations), and a jump ([`JUMP_PERCENT`]) is 0.5 N on a range of 5 N.
@@ -40,8 +40,8 @@ pub const DOUBTFUL_READINGS: u32 = 8;
 pub const LATEST_READINGS: u32 = DOUBTFUL_READINGS + EVIDENCE_READINGS;
 /// Largest difference between repeated readings, codes: the last bit of a frozen channel may change.
 pub const REPEATED_CODES: i32 = 1;
-/// Number of earlier codes with which a reading is compared: contacts that fail in a pattern repeat an earlier code, not the
-/// last one.
+/// Number of earlier codes with which a reading is compared: a contact that fails in a pattern repeats an earlier code, which need
+/// not be the last one.
 pub const REMEMBERED_CODES: usize = 4;
 /// Change of the force from one reading to the next that no motion makes, percent of the rated range: full speed is 20 um in a
 /// period, which makes 0.3 N on a tissue and needle of 15 N/mm, and the noise adds 0.14 N.

@@ -128,7 +128,7 @@ pub const FOLLOWING_LIMIT_UM: f32 = 1_500.0;
 /// Duration of drive in one direction before the direction of motion is judged, periods: by then the play is taken up
 /// ([`super::axis::PLAY_PERIODS`]), the motor has reversed and the filter has followed.
 const TURNED_PERIODS: u32 = 35;
-/// Motion against the driven direction that is a fault from then on, micrometres: many times the filtered noise.
+/// Motion against the driven direction, after that time, that is a fault, micrometres: many times the filtered noise.
 pub const WRONG_WAY_UM: f32 = 60.0;
 /// Motion in the driven direction that proves an axis, micrometres.
 const PROVEN_UM: f32 = 200.0;
@@ -204,7 +204,7 @@ impl DriveWatch {
         self.proven
     }
 
-    /// Whether the axis was driven for long without motion.
+    /// Whether the axis was driven for [`STALL_PERIODS`] without motion.
     pub fn stalled(&self) -> bool {
         self.sign != 0.0 && self.periods >= STALL_PERIODS
     }
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_moves_against_its_duty_is_noticed_and_one_that_turns_round_is_not() {
+    fn motion_against_the_duty_is_detected_and_a_reversal_is_not() {
         let mut watch = DriveWatch::new();
         let mut position_um = 0.0;
         for _ in 0..200 {
@@ -309,7 +309,7 @@ mod tests {
                 break;
             }
         }
-        assert!(watch.wrong_way() && position_um > -300.0, "noticed at {position_um}");
+        assert!(watch.wrong_way() && position_um > -300.0, "detected at {position_um}");
         assert!(!watch.is_proven());
         watch.step(0.0, position_um, None);
         assert!(!watch.wrong_way());

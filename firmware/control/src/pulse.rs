@@ -11,7 +11,7 @@
 //! | change of the force on either channel by [`PULSE_FORCE_MN`] | after 2 periods; less than 1 N on up to 8 N/mm | the converter works |
 //! | duty [`PULSE_DUTY_LIMIT_PERMILLE`], [`PULSE_LIMIT_MS`] | always: at most 0.29 mm of any actuator of the series | always |
 //!
-//! "After 2 periods" is the second reading beyond the bound, as everywhere in [`super::interlock`], whose causes end a pulse too.
+//! "After 2 periods" means at the second reading beyond the bound, as in [`super::interlock`], whose causes end a pulse too.
 //! After the drive the bridges are off. Pulses do not add up: until an axis has moved in its driven direction, a pulse is refused
 //! if the total drive in its direction could exceed that in the other direction by more than [`NET_LIMIT_PERIODS`]. The totals
 //! survive restarts.

@@ -4,14 +4,14 @@
 //! towards the middle of the travel, where the needle is straight, and nowhere else. It ends at its target, once the load is below
 //! the limit, or when further motion does not reduce the load; in the last case the needle's clamp has to be opened.
 //!
-//! * **The load** is the size of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole periods of the
-//!   mains at 50 Hz and at 60 Hz, so that hum cancels and white noise of 0.02 N becomes 2 mN. The magnitude over both axes
-//!   counts: where the axes are coupled, it can fall although the force along one of them rises.
+//! * **The load** is the magnitude of the force from the calibration's zero, as a mean over [`BLOCK_PERIODS`]: whole periods of the
+//!   mains at 50 Hz and at 60 Hz, so that hum cancels and white noise of 0.02 N becomes 2 mN. The force is a vector over
+//!   both axes: where the axes are coupled, its magnitude can fall although the force along one of them rises.
 //! * **It rises**: a mean that exceeds the smallest one since the fault (or since the last rise) by [`RISE_PERCENT`] of the rated
 //!   range ends the retreat. After two such rises no further retreat moves. One rise may be a sensor that failed in the meantime;
 //!   many rises would increase the load step by step where something else presses or the tables have the wrong sign. The first
 //!   mean of a retreat is taken at rest: it excludes the coasting of the motor, and includes the load that an interrupted retreat
-//!   has added. If a rise has ended a retreat, what the motor coasts afterwards belongs to that rise.
+//!   has added. If a rise has ended a retreat, the coasting of the motor after it belongs to that rise.
 //! * **It does not fall**: a straight line through the latest [`TREND_BLOCKS`] means has to fall by [`PROGRESS_PERCENT`] of the
 //!   rated range, ten times the standard error of the line. The means are 25 um apart and span 0.3 mm, more than the play of
 //!   the mechanism.

@@ -46,7 +46,7 @@ pub enum Origin {
     Stored,
     /// It is stored on the device, beside a damaged record that may have been newer.
     Earlier,
-    /// None was ever stored, and the constants of the rig as designed are used.
+    /// No calibration was ever stored, and the constants of the rig as designed are used.
     Nominal,
     /// The stored one is damaged, and the constants of the rig as designed are used.
     Lost,

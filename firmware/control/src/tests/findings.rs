@@ -118,7 +118,7 @@ fn a_calibration_in_a_wrong_unit_is_refused() {
 }
 
 #[test]
-fn a_position_table_of_the_wrong_sign_is_noticed_within_a_third_of_a_millimetre() {
+fn a_position_table_of_the_wrong_sign_is_detected_within_a_third_of_a_millimetre() {
     for (speed_um_s, distance_um) in [(200, 500), (1_000, 500), (10_000, 8_000)] {
         let mut record = Calibration::nominal_record();
         for table in &mut record.potentiometers {

@@ -169,7 +169,7 @@ fn a_saturated_converter_is_unloaded_towards_the_straight_needle_only() {
     assert_eq!(bench.command(Request::Retreat { x_um: 500, y_um: 0 }), Err(Refusal::OutOfTravel));
     assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Moved));
     assert!((bench.position_um[1] - 2_000.0).abs() < 60.0, "{:?}", bench.position_um);
-    // If no axis has shown that it moves the way it is driven, the middle may lie in the other direction.
+    // Before an axis has moved in its driven direction, the middle may lie in the other direction.
     let record = Calibration::nominal_record();
     restart(&mut bench, record);
     bench.periods(100);
