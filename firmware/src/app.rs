@@ -30,7 +30,7 @@ use embassy_time::{Duration, Instant, Timer, with_timeout};
 use protocol::{CalibrationRecord, Command, Counters, EventKind, Load};
 use static_cell::StaticCell;
 
-/// Entries of the outbox: half a second of batches, and some for answers and events.
+/// Number of entries of the outbox: half a second of batches, and some for answers and events.
 const OUTBOX_PLACES: usize = 24;
 const PERIOD: Duration = Duration::from_micros(PERIOD_US as u64);
 /// Part of every period that is reserved for the background tasks: three times the time that they need while a host sends requests
@@ -69,7 +69,7 @@ static STACK_FREE_BYTES: AtomicU32 = AtomicU32::new(0);
 /// Background tasks that have checked in since the control task last looked.
 static CHECKED_IN: AtomicU8 = AtomicU8::new(0);
 
-/// A background task, by the bit with which it checks in.
+/// A background task; the value is the bit with which it checks in.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 enum Background {
@@ -133,7 +133,7 @@ pub fn start(board: Board) {
 
 /// Runs in thread mode: sleeps until an interrupt comes, and counts the idle time.
 pub fn idle() {
-    // With interrupts masked an interrupt wakes the core but is not served yet, so that its time does not count as idle.
+    // With interrupts masked, an interrupt wakes the core but is served only afterwards, so that its time does not count as idle.
     cortex_m::interrupt::free(|_| {
         let sleep_start = Instant::now();
         #[cfg(not(feature = "qemu"))]

@@ -19,7 +19,7 @@ pub const MAX_STORED_ANSWERS: usize = 8;
 pub const CONNECTIONS: usize = 4;
 /// Difference between the tokens of two connections: odd, so that all 2^32 tokens differ, and with many bits set.
 const TOKEN_STEP: u32 = 0x9E37_79B9;
-/// Size of the block of tokens of one start. Its connections take [`TOKENS`] - 1 different ones in turn.
+/// Size of the block of tokens of one start. The connections of the start take [`TOKENS`] - 1 different ones in turn.
 pub const TOKENS: u32 = 1 << 12;
 
 /// Identity of a start of a chip; the tokens of its connections are counted from it. Two starts of a chip have different tokens

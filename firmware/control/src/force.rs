@@ -20,7 +20,7 @@ pub struct ForceChannel {
     codes: [[i32; 2]; REMEMBERED_CODES],
     /// This period has a valid reading.
     is_fresh: bool,
-    /// It does not jump from those before it.
+    /// This period has a valid reading that does not jump from those before it.
     is_accepted: bool,
     missing: Recent,
     saturated: LatestTwo,

@@ -1,7 +1,7 @@
 //! The status light: breathes at rest, is on during a motion or while a program waits, blinks fast in a fault.
 //!
-//! Only this module uses `micromath`: its trigonometry is a rough approximation, which the eye does not notice. No measurement
-//! and no drive may depend on it.
+//! Only this module uses `micromath`: its trigonometry is a rough approximation, which is enough for the eye. No measurement and
+//! no drive may depend on it.
 
 use super::{PERIOD_S, PERIOD_US};
 use micromath::F32;

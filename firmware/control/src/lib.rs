@@ -164,7 +164,7 @@ impl Controller {
             retained.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
         // A fault latched before the restart comes first; the hello reports the restart itself.
         let lost = matches!(origin, Origin::Lost | Origin::Earlier);
-        // Whether the calibration is still lost is decided by its origin at this start, not by the retained fault.
+        // The origin at this start decides whether the calibration is lost, not the retained fault.
         let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
         let restarted = restarted.then_some(Fault::Restarted);
         let lost_now = lost.then_some(Fault::CalibrationLost);

@@ -32,7 +32,7 @@ pub enum OutboundMessage {
     Description,
 }
 
-/// Largest number of messages of one period: a fault and the end of a program, an answer of three parts, the end of a step with
+/// The messages of one period. It has room for a fault and the end of a program, an answer of three parts, the end of a step with
 /// its tare, the end of the program or the start of the next step, and two reports.
 pub type OutboundMessages = heapless::Vec<OutboundMessage, 12>;
 

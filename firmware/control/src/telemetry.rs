@@ -1,7 +1,7 @@
 //! The controller's output to the link: samples in batches, messages between them, in order.
 //!
-//! The outbox is bounded, and the controller never waits for it. If it is full, a complete batch is dropped and its samples are
-//! counted, so that the host finds one gap of known length. The last places are reserved for answers and events.
+//! The outbox is bounded, and the controller never waits for it. If only the places that are reserved for answers and events are
+//! free, a complete batch is dropped and its samples are counted, so that the host finds one gap of known length.
 
 use super::{OutboundMessage, Outputs, PERIOD_US};
 use protocol::{Packer, Samples};

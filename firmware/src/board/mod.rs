@@ -145,7 +145,7 @@ fn count_start(store: &mut Store) -> u32 {
 fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibration, Origin) {
     let mut choice = choose(&mut store);
     if let Some(record) = to_store {
-        // The record goes into the other page, so that a power cut at any time leaves one record intact.
+        // The record goes into the page that is not in use, so that a power cut at any time leaves one record intact.
         if let Err(error) = store.write(choice.next.slot, &to_stored(&record, choice.next.sequence)) {
             defmt::error!("the calibration was not stored: {}", error);
         }

@@ -2,8 +2,8 @@
 //!
 //! Their required contents are stated here in bits, from the chip's reference manual (RM0351, sections in brackets);
 //! the drivers set them from frequencies and modes. The log states every value at the start, and a test converts it to
-//! frequencies and times and compares these. A register with another content ends the run: the device restarts, and its next
-//! hello names the register.
+//! frequencies and times and compares these. If a register has another content, the device restarts, and its next hello
+//! names the register.
 
 use super::pins;
 use embassy_stm32::pac::{ADC1, FLASH, IWDG, PWR, RCC, SPI1, TIM2, TIM3};
@@ -18,7 +18,7 @@ pub(crate) struct Register {
     expected: u32,
 }
 
-/// A register by its name, with the relevant bits and their required content.
+/// A register with its name, its relevant bits and their required content.
 pub(crate) const fn register(name: &'static str, read: fn() -> u32, mask: u32, expected: u32) -> Register {
     Register { name, read, mask, expected }
 }

@@ -3,7 +3,7 @@
 //!
 //! The pages lie in the second bank and the program in the first, so the core continues while a page is erased (about 25 ms)
 //! and programmed, and only the writer waits. An interrupted write leaves arbitrary content in its page and does not change the
-//! other one. Therefore stored data have their own check, and the page with the older record is erased for the new one
+//! others. Therefore stored data have their own check, and a new record replaces the older one of the two
 //! ([`control::slots`]).
 
 use embassy_stm32::Peri;

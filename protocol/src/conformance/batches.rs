@@ -45,7 +45,7 @@ pub(super) fn packed_differences_are_golden() -> Verdict {
         check(push(&mut packer, index, reading).is_none(), "a batch closed early")?;
     }
     let batch = packer.flush().ok_or("the batch did not come out")?;
-    // One bit of difference over 1000, from -1000 on; no bits over 7, over 0 and over 0; then three times one bit.
+    // Differences of one bit above 1000, from a start of -1000; no bits above 7, 0 and 0; then one bit for each of three samples.
     let golden = [0x81, 0xD0, 0x0F, 0xCF, 0x0F, 0, 14, 0, 0, 0, 0, 0b100];
     check(*batch.packed == golden, "packed differences have other bytes than their golden ones")?;
     let unpacked = batch.unpack(PERIOD_US).map_err(|_| "the golden batch was refused")?;
@@ -96,7 +96,7 @@ pub(super) fn batch_closes_when_full() -> Verdict {
 }
 
 pub(super) fn batch_closes_before_it_overflows() -> Verdict {
-    // Sixteen bytes a sample after heads of six to eleven bytes: eleven of them leave no room for a twelfth.
+    // After heads of six to eleven bytes each, a sample takes sixteen bytes: eleven samples leave no room for a twelfth.
     let mut noise = Noise(1);
     let mut readings = [Sample::default(); 100];
     for reading in &mut readings {
