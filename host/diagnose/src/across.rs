@@ -1,7 +1,7 @@
 //! Alternatives to an effect on the other foundation.
 //!
-//! Each foundation imitates the other one if the modulus varies with depth, so that the missing effect may be one on springs
-//! and another one in a body. A class over the chosen foundation alone would present its effect as the only possible one.
+//! If the modulus varies with depth, each foundation imitates the other one, so that one effect may be missing on springs and
+//! another one in a body. A class over the chosen foundation alone would omit the second explanation.
 
 use super::choice::Beside;
 use super::found::{Explanation, Member};
@@ -20,8 +20,8 @@ enum InPlace {
     Nothing,
 }
 
-/// Adds to the class of every effect what models on the other foundation have in its place. A model counts with its odds over the chosen one,
-/// but not where it was refused, or predicts what was held out worse than the chosen one beyond chance.
+/// Adds the alternatives on the other foundation to the class of every effect. A model counts with its odds over the chosen one, unless it
+/// was refused, or predicts the held-out data significantly worse than the chosen one.
 pub(super) fn with_other_foundation(
     members: &mut [Member],
     chosen: &Fitted,
@@ -44,12 +44,12 @@ pub(super) fn with_other_foundation(
     members.iter_mut().for_each(|member| add_alternatives(member, chosen, &plausible_models));
 }
 
-/// Adds to the class of an effect what these models have in its place.
+/// Adds the alternatives in these models to the class of an effect.
 fn add_alternatives(member: &mut Member, chosen: &Fitted, plausible_models: &[&Beside]) {
     let baseline_count = chosen.layout.given;
     let chosen_ids: Vec<&str> = chosen.layout.effects.iter().map(|effect| effect.id()).collect();
     let Some(effect) = chosen.layout.effects.get(member.index).copied() else { return };
-    // Odds over the chosen model become odds over the same without the effect.
+    // Odds over the chosen model become odds over the chosen model without the effect.
     let Some(named_ln_odds) =
         member.class.iter().find(|one| one.effect.id() == effect.id()).map(|one| one.ln_odds)
     else {
@@ -74,11 +74,11 @@ fn add_alternatives(member: &mut Member, chosen: &Fitted, plausible_models: &[&B
     member.class.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
     let mut weights: Vec<f64> = member.class.iter().map(|one| one.ln_odds).collect();
     member.ln_odds = ln_sum(ln_odds_with.into_iter()) - ln_without;
-    // Less likely explanations, which the class lacks, have their part of the whole.
+    // The remaining probability belongs to less likely explanations, which are not in the class.
     let share_of_class = (ln_sum(weights.iter().copied()) - member.ln_odds).exp();
     weights.push(member.ln_odds + (1.0 - share_of_class).max(0.0).ln());
     member.is_needless_elsewhere = member.ln_odds < stated_ln_odds();
-    // The effect that was named stays in its class.
+    // The named effect stays in its class even if it is not in the smallest set.
     let count = smallest_set(&weights).min(member.class.len());
     let position = member.class.iter().position(|one| one.effect.id() == effect.id());
     member.class.truncate(count.max(position.map_or(0, |index| index + 1)));
@@ -92,7 +92,7 @@ fn in_place(effect: &dyn Effect, other: &Fitted, baseline_count: usize, chosen_i
     added.find(|one| !chosen_ids.contains(&one.id())).map_or(InPlace::Nothing, |one| InPlace::Other(*one))
 }
 
-/// Adds the weight of a model to what its effect has in a class.
+/// Adds the odds of a model to those of its effect in a class.
 fn add(class: &mut Vec<Explanation>, effect: &'static dyn Effect, fitted: &Fitted, ln_odds: f64) {
     match class.iter_mut().find(|one| one.effect.id() == effect.id()) {
         Some(known) => known.ln_odds = ln_sum([known.ln_odds, ln_odds].into_iter()),
@@ -109,7 +109,7 @@ mod tests {
     use crate::{choice::Beside, found_in};
     use worlds::Design;
 
-    /// Probability that an effect is missing, and its class, with a model on the other foundation.
+    /// A member after a model on the other foundation was taken into account.
     fn with_model(member: &Member, chosen: &Fitted, fitted: &Fitted, ln_odds: f64) -> Member {
         let model = Beside { fitted: fitted.clone(), ln_odds, is_possible: true };
         let mut changed = member.clone();
@@ -123,11 +123,11 @@ mod tests {
         let (start, found) = found_in(&session);
         let member = found.members.first().expect("an effect");
         let named = found.fitted.layout.effects[member.index].id();
-        // As likely as the chosen model, and without the effect: it is missing with a probability of one half.
+        // A model without the effect that is as likely as the chosen one: the effect is missing with a probability of one half.
         let equal = with_model(member, &found.fitted, &start.fitted, 0.0);
         assert!((probability(equal.ln_odds) - 0.5).abs() < 0.06, "{}", equal.ln_odds);
         assert!(equal.is_needless_elsewhere && !equal.is_the_only_explanation());
-        // Far behind the chosen one, it bounds the odds and changes no name.
+        // A model far behind the chosen one bounds the odds and changes no name.
         let unlikely = with_model(member, &found.fitted, &start.fitted, -20.0);
         assert!(
             unlikely.ln_odds > 15.0 && unlikely.ln_odds < 20.1 && !unlikely.is_needless_elsewhere,
@@ -135,7 +135,7 @@ mod tests {
             unlikely.ln_odds
         );
         assert_eq!(unlikely.class.len(), member.class.len());
-        // With another effect in its place, which then is in its class and takes nothing from the probability that something is missing.
+        // A model with another effect: the effect joins the class, and the probability that some effect is missing does not fall.
         let others = found.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
         let other = others
             .into_iter()
@@ -146,7 +146,7 @@ mod tests {
         assert!(alternative.class.iter().any(|one| one.effect.id() == id), "{id}");
         assert!(alternative.class.iter().any(|one| one.effect.id() == named), "{named}");
         assert!(probability(alternative.ln_odds) > STATED_PROBABILITY && !alternative.is_needless_elsewhere);
-        // With the same effect: it confirms it.
+        // A model with the same effect confirms it.
         let confirming = with_model(member, &found.fitted, &found.fitted, 0.0);
         assert!(confirming.ln_odds > member.ln_odds && confirming.class.len() == member.class.len());
     }

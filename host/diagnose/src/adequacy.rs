@@ -1,7 +1,7 @@
 //! Adequacy of a model, and the regions in which it is inadequate (theory, eq. 67).
 //!
-//! The missing part of a model is smooth in the coordinates of the data: depth, displacement, direction of motion,
-//! time. Two tests are applied to the residuals of a fit, with the parameters' directions projected out:
+//! The missing part of a model is assumed to be smooth in the coordinates of the data: depth, displacement, direction of motion,
+//! time. Two tests are applied to the residuals of a fit, with the sensitivities to the parameters projected out:
 //!
 //! * the sum of squares in smooth functions of the coordinates, channel by channel ([`Adequacy`]): a chi-square with as many
 //!   degrees of freedom as functions, sensitive to any missing effect;
@@ -21,9 +21,10 @@ use nalgebra::{DMatrix, DVector};
 use readings::FitError;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// A model is inadequate where chance makes residuals as smooth as these in fewer sessions than this.
+/// A model is inadequate if the p-value of the smooth structure in its residuals is below this.
 pub(super) const LEVEL: f64 = 1e-4;
-/// Directions smaller than this beside the largest are combinations of others.
+/// Smallest eigenvalue of the functions' scalar products, relative to the largest: a smaller one belongs to a combination of functions that
+/// is zero but for rounding.
 const MIN_DIRECTION: f64 = 1e-9;
 
 /// Chi-square in smooth functions of the coordinates.
@@ -39,11 +40,11 @@ pub(super) struct Structure {
 /// Remaining smooth structure.
 #[derive(Debug, Clone)]
 pub(super) struct Adequacy {
-    /// Relative to noise alone.
+    /// Structure relative to noise alone.
     pub noise: Structure,
-    /// Relative to noise and the typical discrepancy of a rig.
+    /// Structure relative to noise and the typical discrepancy of a rig.
     pub everyday: Structure,
-    /// Reduced chi-square of every channel: sum of squares and number.
+    /// Sum of the squared whitened residuals of every channel, and their number.
     pub channels: Vec<(Channel, f64, usize)>,
     /// Standard deviation of the smooth discrepancy per channel, SI.
     pub discrepancy: Vec<(Channel, f64)>,
@@ -68,7 +69,7 @@ impl Adequacy {
             });
         }
         let mut columns: Vec<DVector<f64>> = plain.iter().map(|column| whitened(runs, column)).collect();
-        // Functions of very different sizes: each of length one.
+        // The functions have very different sizes, and are scaled to unit length.
         let scale: Vec<f64> =
             columns.iter().map(|column| 1.0 / column.norm().max(f64::MIN_POSITIVE)).collect();
         columns.iter_mut().zip(&scale).for_each(|(column, scale)| *column *= *scale);
@@ -79,7 +80,7 @@ impl Adequacy {
         let (noise, coefficients) = structure(&beside_noise.ok_or(FitError::Undetermined)?.0);
         let beside_everyday = fitted.eliminated(patterns, &patterns.everyday(), &products);
         let (everyday, _) = structure(&beside_everyday.ok_or(FitError::Undetermined)?.0);
-        // The parameters' part off, and back from independent residuals to what was measured.
+        // The sensitivities to the parameters are projected out of the discrepancy, and the whitening is undone.
         let smooth: Vec<DVector<f64>> =
             of_runs.iter().map(|columns| columns.columns(0, plain.len()) * &coefficients).collect();
         let free_of_parameters = fitted.less_parameters(&smooth).ok_or(FitError::Undetermined)?;
@@ -101,19 +102,19 @@ impl Adequacy {
         Ok(Self { noise, everyday, channels, discrepancy })
     }
 
-    /// Whether no more is missing than the typical discrepancy of a rig.
+    /// Whether the residuals are consistent with noise and the typical discrepancy of a rig.
     pub fn is_adequate(&self) -> bool {
         self.everyday.p >= LEVEL
     }
 
-    /// Whether the residuals are noise.
+    /// Whether the residuals are consistent with noise alone.
     pub fn is_within_noise(&self) -> bool {
         self.noise.p >= LEVEL
     }
 }
 
-/// Structure in residuals, the last of the columns whose scalar products these are, along all before it; and the coefficients of the
-/// functions, less what noise makes of them.
+/// Structure in the residuals along the functions, and the functions' coefficients, shrunk by the expected contribution of the noise. The
+/// scalar products are those of the functions and, as the last column, of the residuals.
 fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
     let count = products.ncols() - 1;
     let eigen = products.view((0, 0), (count, count)).into_owned().symmetric_eigen();
@@ -126,7 +127,7 @@ fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
             let projected = vector.dot(&projections);
             chi_square += projected * projected / value;
             functions += 1;
-            // Only what is more than noise belongs to the discrepancy.
+            // The discrepancy is the excess over the noise.
             let shrunk = (1.0 - value / (projected * projected)).max(0.0);
             coefficients.axpy(shrunk * projected / value, &vector, 1.0);
         }
@@ -136,7 +137,7 @@ fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
     (Structure { chi_square, functions, p }, coefficients)
 }
 
-/// Data that can show that a model is not adequate: the reference is no part of the question.
+/// Whether a run is tested for adequacy. The runs of the reference are not: the diagnosis is about the session.
 fn is_tested(run: &Prepared) -> bool {
     !run.run.is_reference
 }
@@ -159,7 +160,7 @@ fn channel_squares(runs: &[Prepared], residuals: &DVector<f64>) -> Vec<(Channel,
         .collect()
 }
 
-/// A column in SI made independent.
+/// A column in SI, whitened.
 fn whitened(runs: &[Prepared], column: &[f64]) -> DVector<f64> {
     let mut values = column.to_vec();
     let mut start = 0;
@@ -176,11 +177,11 @@ fn whitened(runs: &[Prepared], column: &[f64]) -> DVector<f64> {
 /// A function of a datum.
 type Function<'a> = Box<dyn Fn(&Datum) -> f64 + 'a>;
 
-/// Ranges of the coordinates over the data, which make them numbers of order one.
+/// Ranges of the coordinates over the data, by which the coordinates are scaled to order one.
 struct Ranges {
     level_m: f64,
     depth_m: f64,
-    /// Depths of the least and the deepest lateral run.
+    /// Depths of the shallowest and the deepest lateral run.
     run_depths_m: (f64, f64),
     /// Duration of the longest lateral run.
     length_s: f64,
@@ -235,7 +236,7 @@ fn legendre(degree: usize, x: f64) -> f64 {
     now
 }
 
-/// Smooth functions of the coordinates, one channel and kind of run each, in SI.
+/// Smooth functions of the coordinates, in SI, each for one channel and one axis of the lateral runs, or for insertions.
 fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
     let ranges = &Ranges::of(runs);
     let mut columns = Vec::new();
@@ -259,7 +260,7 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
                 functions.push(Box::new(move |d| d.place.direction));
                 functions.push(Box::new(move |d| d.place.direction * ranges.level(d)));
                 functions.push(Box::new(move |d| ranges.level(d).abs()));
-                // Function that differs between holds and the way between them.
+                // The first function decays within holds, and the second is zero in holds.
                 functions.push(Box::new(move |d| {
                     d.place.hold_s.map_or(1.0, |s| (-s / 0.7).exp()) * d.place.direction
                 }));
@@ -301,7 +302,7 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
                 let values: Vec<f64> =
                     values.map(|((_, d), belongs)| if *belongs { function(d) } else { 0.0 }).collect();
                 columns.push(values.clone());
-                // Turned insertions differ from straight ones, fast from slow.
+                // The same functions with opposite signs for turned and unturned insertions, or in proportion to the depth of lateral runs.
                 if of_tip || (active && ranges.has_several_depths()) {
                     let factors = all_data(runs)
                         .map(|(run, _)| if of_tip { run.run.turned() } else { ranges.run_depth(run) });

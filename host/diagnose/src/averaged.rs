@@ -1,10 +1,10 @@
-//! Intervals averaged over all plausible models: members of a class, the model without an effect just above the margin of a
-//! name, the model with one just below it (theory, eq. 66).
+//! Intervals averaged over all plausible models: the final model, the members of its classes, the models without one of its
+//! effects, and those with one effect more (theory, eq. 66).
 //!
-//! Every such model is fitted, and its posterior has its evidence times the prior odds of the search as weight: each effect
-//! costs the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps when an
-//! effect passes the margin. The reported value is that of the first member, whose effects are in the model file; the interval
-//! is that of the mixture, and includes that value.
+//! Every such model is fitted, and its posterior has the weight evidence times prior of the search (Bayesian model averaging,
+//! Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps when an effect passes the threshold of a name. The
+//! reported value is that of the final model, whose effects are in the model file; the interval is that of the mixture, extended
+//! if necessary to include that value.
 
 use super::choice::Beside;
 use super::evidence::Patterns;
@@ -21,12 +21,12 @@ use rayon::prelude::*;
 use readings::FitError;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// The sizes of the discrepancy are integrated over in those that are not further behind than this.
+/// Logarithm of the relative weight above which the intervals of a model are integrated over the sizes of the discrepancy.
 const HEAVY: f64 = -5.0;
-/// Steps of the bisection: enough for rounding to be all that is left.
+/// Number of bisections: enough for the precision of the numbers.
 const BISECTIONS: usize = 80;
 
-/// Models less likely than this are not in a model file, and no more than so many of the others are: each costs a prediction.
+/// Smallest probability of a model in a model file, and largest number of such models: every one of them costs a prediction.
 const MIN_PROBABILITY: f64 = 0.02;
 const MAX_ALTERNATIVES: usize = 4;
 
@@ -55,14 +55,14 @@ impl Averaged {
         let members = if is_named { found.members.as_slice() } else { &[] };
         let class = members.iter().flat_map(|member| {
             let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
-            // The modulus of the other foundation is another quantity.
-            // Odds within the class are also by what was held out.
+            // Odds within the class also depend on the held-out data.
             let own_odds = member.class.iter().find(|one| Some(one.effect.id()) == named);
             let own_odds = own_odds.map(|one| one.ln_odds);
             let class_members = member
                 .class
                 .iter()
                 .filter(move |one| Some(one.effect.id()) != named)
+                // The modulus of the other foundation is another quantity.
                 .filter(|one| one.fitted.layout.support.is_body() == own.layout.support.is_body());
             class_members.map(move |one| (own_odds.map(|own| one.ln_odds - own), &one.fitted))
         });
@@ -71,15 +71,15 @@ impl Averaged {
         }));
         weighted_fits
             .extend(members.iter().map(|member| (prior.ln_weight(&member.without), &member.without)));
-        // Beside two effects or more, those that were tried alone are far behind.
+        // If two or more effects were added, models with a single effect are far behind.
         let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
         let last = if is_named { found.last.as_slice() } else { &[] };
         let unused = first.iter().chain(last).filter_map(|candidate: &'a Candidate| {
             let (fit, _) = candidate.refit.as_ref()?;
             let is_in_range = !fit.at_bound.contains(&true);
             let seen_fits = weighted_fits.iter().map(|(_, known)| *known).chain([own]);
-            let is_new = !seen_fits.into_iter().any(|seen_fits| seen_fits.layout.has_effects_of(&fit.layout));
-            // By what was held out it may have lost a part of its odds.
+            let is_new = !seen_fits.into_iter().any(|seen| seen.layout.has_effects_of(&fit.layout));
+            // The held-out data may have lowered its odds.
             let lost = candidate.gain() + prior.ln_odds(candidate.score.effect) - candidate.ln_odds;
             (is_in_range && is_new).then(|| (prior.ln_weight(fit) - lost.max(0.0), fit, candidate.standing))
         });
@@ -89,7 +89,7 @@ impl Averaged {
             limit_refused(of_standing.map(|(ln, _, _)| ln), most + standing.most_ln_odds());
         }
         weighted_fits.extend(unused.into_iter().map(|(ln, fit, _)| (ln, fit)));
-        // A description is refused as a name, and has even odds as everything that is refused.
+        // A law that describes the misfit only in part is refused as a name, and has even odds like all refused models.
         weighted_fits.extend(found.described.iter().map(|fit| (most, fit)));
         let largest = weighted_fits.iter().map(|(ln, _)| *ln).fold(most, f64::max);
         weighted_fits.retain(|(ln, _)| *ln > largest + NO_WEIGHT);
@@ -166,14 +166,14 @@ impl Averaged {
             .collect()
     }
 
-    /// [`Self::interval`], with the value that the final fit gives.
+    /// [`Self::interval`], extended to include the value of the final fit.
     fn holding_own(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
         let value = of(&self.own).map(|(value, _)| value);
         let ends = self.interval(of)?;
         Some(value.map_or(ends, |value| holding(ends, value)))
     }
 
-    /// Interval of 95 % of a quantity of which each fit gives value and standard deviation, or nothing.
+    /// 95 % interval of a quantity. `of` returns its value and standard deviation in a fit, or `None`.
     fn interval(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
         let weighted_moments: Vec<(f64, f64, f64)> = self
             .fits
@@ -189,9 +189,9 @@ impl Averaged {
         Some(holding(ends.map(in_range_pa), self.own.modulus_pa().0))
     }
 
-    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the result has one modulus for all of the tissue,
-    /// a modulus that varies with depth is represented by its mean over the tissue that was reached, because its value at the
-    /// surface is a different quantity.
+    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the final model has a uniform modulus, a modulus that
+    /// varies with depth is represented by its mean over the tissue that was reached, because its value at the surface is a
+    /// different quantity.
     pub fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
         if self.counts_with_mean(fit) {
             fit.ln_mean_modulus(self.touched_m)
@@ -200,7 +200,7 @@ impl Averaged {
         }
     }
 
-    /// Whether a fit is represented by its mean modulus: it varies with depth while the result has one modulus.
+    /// Whether a fit is represented by its mean modulus: its modulus varies with depth, and that of the final model does not.
     pub fn counts_with_mean(&self, fit: &Fitted) -> bool {
         varies(fit) && !varies(&self.own)
     }
@@ -241,7 +241,7 @@ impl Averaged {
         ends.map(|ends| ends.map(f64::exp))
     }
 
-    /// Interval of a parameter of an effect, in its own unit, over all fits with the effect; `None` if only one fit has it.
+    /// Interval of a parameter of an effect, in its own unit, over all fits with the effect; `None` if no fit has it.
     pub fn parameter(&self, effect: &dyn Effect, number: usize) -> Option<[f64; 2]> {
         let mut having = self.fits.iter().filter_map(|(_, fit)| Some((fit, fit.layout.index_of(effect)?)));
         let (first, first_parameter) = having.next()?;
@@ -260,20 +260,20 @@ fn varies(fit: &Fitted) -> bool {
     fit.layout.effects.iter().any(|effect| VARIED.contains(&effect.id()))
 }
 
-/// A modulus by its logarithm, within the range that the table of unknowns gives it: beyond, nothing is known but that it is beyond.
+/// A modulus from its logarithm, clipped to the range in the table of unknowns.
 fn in_range_pa(ln: f64) -> f64 {
     let [least_pa, most_pa] = tissue::MODULUS.range;
     ln.exp().clamp(least_pa, most_pa)
 }
 
-/// An interval that holds the value beside it: the weight of several other models together can exceed that of the one that is reported,
-/// and an interval without its value contradicts it.
+/// An interval extended to include the reported value, which it may miss because other models together can have more weight than the
+/// reported one.
 fn holding([low, high]: [f64; 2], value: f64) -> [f64; 2] {
     [low.min(value), high.max(value)]
 }
 
-/// Interval of 95 % of a mixture of normal distributions, each stated by weight, mean and standard deviation; `None` if one of
-/// these is invalid.
+/// 95 % interval of a mixture of normal distributions, each given by weight, mean and standard deviation; `None` for an empty mixture,
+/// or if a standard deviation is invalid.
 pub fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
     if let [(_, value, sd)] = parts {
         return Some([value - NORMAL_975 * sd, value + NORMAL_975 * sd]);
@@ -306,7 +306,7 @@ mod tests {
     use crate::{found_in, tests::truth};
     use worlds::Design;
 
-    /// One and the same session, its best effect named and not named.
+    /// Two results of the same session: the best effect is named in one and not in the other.
     #[test]
     fn no_interval_jumps_where_an_effect_gets_its_name() {
         let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
@@ -317,7 +317,7 @@ mod tests {
             .find(|candidate| candidate.standing == Standing::Possible)
             .expect("a candidate");
         let (fitted, gain) = best.refit.clone().expect("a fit");
-        // With so many names that the models with and without the effect are as likely.
+        // The number of names is such that the models with and without the effect are equally likely.
         let count = gain.exp().round() as usize;
         let prior = ModelPrior::new(count, count);
         let class =
@@ -375,7 +375,7 @@ mod tests {
         let [low, high] = interval(&[(1.0, -10.0, 1.0), (1.0, 10.0, 1.0)]).expect("an interval");
         let one_in_twenty = 1.644_853_626_951;
         assert!((low + 10.0 + one_in_twenty).abs() < 1e-6 && (high - 10.0 - one_in_twenty).abs() < 1e-6);
-        // A part of next to no weight does nothing.
+        // A part of negligible weight changes nothing.
         let [low, high] = interval(&[(1.0, 2.0, 0.5), (1e-9, 90.0, 0.5)]).expect("an interval");
         assert!((low - alone[0]).abs() < 1e-6 && (high - alone[1]).abs() < 1e-6, "{low} {high}");
     }

@@ -1,5 +1,5 @@
-//! A lateral recording in cells: means over a twentieth of a second without outliers, and stretches of cells over which forces
-//! are averaged.
+//! Division of a lateral recording into cells, which are means over a twentieth of a second without outliers, and into stretches of
+//! cells over which forces are averaged.
 
 use super::course::{Track, Window, course};
 use formats::session::LateralRun;
@@ -7,17 +7,17 @@ use readings::holds::Hold;
 use readings::outliers::farthest;
 use std::ops::Range;
 
-/// At either end of a hold so much may still be motion.
+/// Time at either end of a hold that may still be motion, and is not part of the hold's cells.
 const EDGE_S: f64 = 0.1;
-/// Length of a cell, and of the last one before a hold or of one.
+/// Length of a cell, and largest length of the last cell of a hold or of a motion.
 const CELL_S: f64 = 0.05;
 const LONGEST_CELL_S: f64 = 1.5 * CELL_S;
-/// Ends of the stretches of a hold; beyond the last in steps of it.
+/// Ends of the stretches of a hold, in seconds from its begin; after the last one the stretches have the length of the last value.
 const HOLD_S: [f64; 8] = [0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0];
-/// Stretches of ramps, in cells.
+/// Length of the stretches of a motion, in cells.
 const RAMP_CELLS: usize = 2;
 
-/// Drive samples of a lateral run: means over stretches of at least a twentieth of a second.
+/// Cells of a lateral run: means over about a twentieth of a second.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cells {
     pub time_s: Vec<f64>,
@@ -25,7 +25,7 @@ pub(super) struct Cells {
     pub force_n: [Vec<f64>; 2],
     /// Readings of the displacement, before any correction.
     pub read_m: [Vec<f64>; 2],
-    /// The hold of every cell.
+    /// Number of the hold of every cell; `None` during a motion.
     pub hold: Vec<Option<usize>>,
     /// Time from the first to the last reading of every cell.
     pub length_s: Vec<f64>,
@@ -69,13 +69,13 @@ impl Scatter {
         if self.cells == 0 { 1.0 } else { (self.readings as f64 / self.cells as f64).max(1.0) }
     }
 
-    /// Mean squared deviation of the readings from the mean of their cell: the variance of a reading less that of a cell.
+    /// Mean squared deviation of the readings from the mean of their cell: the variance of a reading less that of a cell's mean.
     pub fn within_cells(self) -> f64 {
         if self.readings == 0 { 0.0 } else { self.squares / self.readings as f64 }
     }
 }
 
-/// Readings, those that are far off their neighbours as NaN.
+/// Readings, with those far from the median of their neighbourhood replaced by NaN.
 fn cleaned(values: &[f64]) -> Vec<f64> {
     const REACH: usize = 3;
     let deviations: Vec<f64> = (0..values.len())
@@ -86,12 +86,12 @@ fn cleaned(values: &[f64]) -> Vec<f64> {
             values[i] - sorted[sorted.len() / 2]
         })
         .collect();
-    // One in seven is its own neighbours' median.
-    let farthest = farthest(deviations.iter().copied().filter(|deviations| *deviations != 0.0));
+    // A reading that is itself the median has no deviation; such zeros would lower the threshold.
+    let farthest = farthest(deviations.iter().copied().filter(|deviation| *deviation != 0.0));
     values
         .iter()
         .zip(deviations)
-        .map(|(v, deviations)| if deviations.abs() > farthest { f64::NAN } else { *v })
+        .map(|(v, deviation)| if deviation.abs() > farthest { f64::NAN } else { *v })
         .collect()
 }
 
@@ -101,7 +101,7 @@ fn mean(values: &[f64]) -> f64 {
     usable.clone().sum::<f64>() / usable.count() as f64
 }
 
-/// Means over short stretches of a recording.
+/// Divides a recording into cells. A cell contains readings of one hold, or of one motion.
 pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
     let force = &run.force;
     let rows = force.time_s.len();
@@ -119,7 +119,7 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
     let mut row = 0;
     while row < rows {
         let hold = hold_of_rows[row];
-        // The last cell before a hold, or of one, is the longer one: a few readings of their own would be far noisier than others.
+        // The last cell of a hold or of a motion takes up the remaining readings, because a cell of few readings would be noisier.
         let [end, longest] = [CELL_S, LONGEST_CELL_S].map(|length_s| {
             let end_s = force.time_s[row] + length_s * (1.0 - 1e-9);
             let in_cell =
@@ -132,7 +132,7 @@ pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
         cells.length_s.push(force.time_s[end - 1] - force.time_s[row]);
         for plane in 0..2 {
             let (cell_n, cell_m) = (mean(&force_n[plane][row..end]), mean(&read_m[plane][row..end]));
-            // A column that is not there is all zeros.
+            // A missing column is all zeros.
             if hold.is_some() && cell_n.is_finite() && cell_n != 0.0 {
                 cells.force_scatter.add(&force_n[plane][row..end], cell_n);
             }
@@ -161,7 +161,7 @@ pub(super) fn stood(cells: &Cells, holds: usize) -> Vec<[f64; 2]> {
     sums.into_iter().map(|[y, x, count]| [y / count, x / count]).collect()
 }
 
-/// Position of guide 2 in every cell of a plane, and where it is not known as that of a hold is, by a sensor of this standard deviation.
+/// Position of guide 2 in every cell of a plane, and the windows in which it is not that of a hold, for a sensor of this standard deviation.
 pub(super) fn travelled(
     cells: &Cells,
     plane: usize,
@@ -179,7 +179,7 @@ pub(super) fn travelled(
     course(&track, &stood_m)
 }
 
-/// Cells of every hold.
+/// Range of the cells of every hold.
 pub(super) fn held(cells: &Cells) -> Vec<Range<usize>> {
     let mut start = 0;
     let mut held_runs = Vec::new();

@@ -1,5 +1,5 @@
-//! The rig's mechanics from runs in air: the needle is a known beam, and the rest of the response is the rig's (theory, eq. 62
-//! without tissue, with the sensor's discrepancy only).
+//! Identification of the rig's mechanics from runs in air: the needle is a known beam, and the remaining response is that of the rig
+//! (theory, eq. 62, without tissue, with the discrepancy of force sensor and guides only).
 //!
 //! All effects of guides, frame, actuators and force sensor are fitted together, by the same forward model as
 //! everything else. In air, force and displacement alone determine one compliance, the sum of all compliances; the shape of the
@@ -27,7 +27,7 @@ use play::over_plays;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Fitted effects. Offsets are there so that they are no rig's compliance.
+/// Fitted effects. Offsets are among them so that they are not mistaken for a compliance.
 const EFFECTS: [&str; 12] = [
     "needle.stiffness",
     "rig.clamp_compliance",
@@ -42,14 +42,14 @@ const EFFECTS: [&str; 12] = [
     "sensor.delay",
     "sensor.shape_offset",
 ];
-/// Effects that are new in every session.
+/// Effects whose parameters differ from session to session.
 const OF_ONE_SESSION: [&str; 2] = ["sensor.force_drift", "sensor.shape_offset"];
-/// A parameter is identified whose standard deviation the runs reduce below this share of what was known of it before.
+/// A parameter is identified if the runs reduce its standard deviation below this fraction of that of its prior.
 const IDENTIFIED: f64 = 0.5;
-/// A delay beside friction larger than this many standard deviations is known no better than the rows' spacing allows: the force jumps where
-/// guide 2 turns, and the model interpolates between rows.
+/// If the friction is larger than this many of its standard deviations, the delay has an additional error of the rows' spacing: the force
+/// jumps when guide 2 reverses, and the model interpolates between rows.
 const FRICTION_SDS: f64 = 2.0;
-/// Times in which the zero settles after a tare, seconds.
+/// Time constants with which the zero settles after a tare, seconds.
 const SETTLING_S: [f64; 2] = [5.0, 20.0];
 
 /// Choices of the user.
@@ -69,7 +69,7 @@ pub enum Standing {
     Identified,
     /// A statement; the runs add little.
     Stated,
-    /// None.
+    /// There is none.
     NotIdentifiable,
 }
 
@@ -123,7 +123,7 @@ impl Characterisation {
             let of_effect: Vec<_> = self.parameters.iter().filter(|one| one.effect == *id).collect();
             let is_characterized = !of_effect.is_empty()
                 && !of_effect.iter().any(|one| one.standing == Standing::NotIdentifiable);
-            // Not clipped to what is possible, so that the interval is that of a normal distribution.
+            // The interval is not clipped to the range of the parameter, because it is read as that of a normal distribution.
             is_characterized.then(|| LearnedEffect {
                 effect,
                 values: of_effect.iter().map(|one| one.value).collect(),
@@ -205,10 +205,10 @@ pub fn characterize(
     let mut layout = Layout::new(&session.rig, &runs, effects);
     layout.known = stated(options).into();
 
-    // Without tissue its modulus does not matter.
+    // In air the modulus of the tissue has no effect.
     let beam = Model::uniform(session.rig.clone(), 1e3)?.beam(0.0)?;
     let stiffness_n_per_m = beam.lateral_stiffness_n_per_m();
-    // The whitening of residuals depends on the expected values: the second fit is with what the first has found.
+    // Whitening depends on the predictions; the second fit is whitened around the values of the first.
     let mut values = layout.first_values();
     let mut last = None;
     for _ in 0..2 {
@@ -245,7 +245,7 @@ fn row_s(session: &Session) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Statements beside the session.
+/// Known parameters that the options state.
 fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
     let statements = [
         ("sensor.force_gain", "gain", options.force_gain_sd),
@@ -258,10 +258,10 @@ fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
     known_parameters.collect()
 }
 
-/// Patterns of every force sensor and guide beside the effects. Sizes are found of the zero of a run and plane, of how
-/// it settles after the tare, and of what is constant within a hold (an error of the displacement, times the needle's
-/// stiffness, is such a force too). No run shows how well the mean position of guide 2 in a hold is known, which
-/// differs with the direction that it came from: that is stated.
+/// Basis functions of the discrepancy of force sensor and guides. The sizes of three groups are estimated: zeros of runs and planes, their
+/// settling after the tare, and forces that are constant within a hold (an error of the displacement, times the needle's stiffness, is
+/// such a force too). The error of the mean position of guide 2 in a hold depends on the direction from which it came; its size is
+/// stated, because the runs do not determine it.
 fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
     let groups = vec![
         group_of(&sensors::FORCE_ZERO),
@@ -287,7 +287,7 @@ fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
             }
         }
         patterns.retain(|(_, pattern)| pattern.iter().any(|value| *value != 0.0));
-        // Alike in all runs: what depends on the direction of the last motion, and on the side of zero (half of a clearance).
+        // All runs share two patterns: the direction of the last motion, and the side of zero (half of a clearance).
         let forces_per_m =
             data.iter().map(|datum| if is_force(datum, prepared.run.axis) { stiffness_n_per_m } else { 0.0 });
         let forces_per_m = data.iter().zip(forces_per_m);
@@ -374,7 +374,7 @@ fn settled_by(effect: &str) -> &'static str {
     }
 }
 
-/// Chi-square beside the patterns of the sensor, per degree of freedom.
+/// Chi-square in the metric of noise and discrepancy, per degree of freedom.
 fn chi_square_per_reading(fitted: &Fitted, patterns: &Patterns) -> f64 {
     let count = fitted.residuals.iter().map(Vec::len).sum::<usize>().saturating_sub(fitted.values().len());
     let without_patterns = patterns.less_patterns(&fitted.sizes, &fitted.residuals).unwrap_or_default();

@@ -1,10 +1,10 @@
-//! Rigs in air by an independent generator, characterised.
+//! Characterisation of simulated rigs in air, by an independent generator.
 
 use super::*;
 use crate::{Options, data_split, diagnose, moved_since};
 use worlds::{Design, Truth};
 
-/// A rig in which much is not ideal.
+/// Effects of a rig that is far from ideal.
 const RIG: [(&str, &[f64]); 8] = [
     ("rig.clamp_compliance", &[0.3]),
     ("rig.frame_compliance", &[0.05]),
@@ -31,7 +31,7 @@ fn truth(effects: &[(&str, &[f64])], effect: &str, index: usize) -> f64 {
         let values = effects.iter().find(|(own, _)| *own == id).map(|(_, values)| *values);
         values.and_then(|values| values.get(index)).copied().unwrap_or(0.0)
     };
-    // In the catalogue the crosstalk acts on a drift too, in the generator the drift comes after it.
+    // In the catalogue the crosstalk also acts on a drift; the generator adds the drift after the crosstalk.
     let crosstalk = if effect == "sensor.force_drift" { raw("sensor.crosstalk", 0) } else { 0.0 };
     (raw(effect, index) - crosstalk * raw(effect, 1 - index.min(1))) / (1.0 - crosstalk * crosstalk)
 }
@@ -67,7 +67,7 @@ fn what_runs_in_air_cannot_separate_is_not_identifiable_with_what_would_settle_i
         assert_eq!(parameter.standing, Standing::NotIdentifiable, "{parameter:?}");
         assert!(parameter.settled_by.is_some_and(|what| what.contains("known loads")), "{parameter:?}");
     }
-    // Without any shape the frame is what the needle and its clamp are.
+    // Without a shape the compliance of the frame cannot be separated from those of needle and clamp.
     let mut blind = session(&[], 4);
     blind.lateral.iter_mut().for_each(|run| run.shape = Default::default());
     let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
@@ -77,14 +77,14 @@ fn what_runs_in_air_cannot_separate_is_not_identifiable_with_what_would_settle_i
         Standing::NotIdentifiable,
         "{characterization:?}"
     );
-    // And a little play is, in the force, a friction of the other sign: only what follows a reversal bounds it.
+    // A small play has the same effect on the force as a friction of the opposite sign, except after a reversal.
     let with_shape = characterize(&session(&[], 4), &options).expect("characterised");
     let [blind_sd_mm, sd_mm] =
         [&characterization, &with_shape].map(|characterization| of(characterization, "rig.play").sd);
     assert!(blind_sd_mm > 4.0 * sd_mm, "{blind_sd_mm} {sd_mm}");
 }
 
-/// Sessions of these seeds in air, each with play and friction and without: how many intervals, and which of them miss the truth.
+/// Number of intervals, and those that miss the truth, in sessions in air with these seeds, with and without play and friction.
 fn without_any_shape(seeds: std::ops::RangeInclusive<u64>) -> (usize, Vec<(u64, CharacterizedParameter)>) {
     const PLAY: [(&str, &[f64]); 2] = [("rig.play", &[0.06]), ("rig.friction", &[0.02])];
     let options = CharacterizeOptions { force_gain_sd: Some(0.005), ..Default::default() };
@@ -166,7 +166,7 @@ fn play_that_has_grown_is_reported_and_a_rig_that_has_not_changed_is_not() {
     let characterized = |play_mm: f64, seed| {
         characterize(&session(&[("rig.play", &[play_mm])], seed), &options).expect("characterised")
     };
-    // As a file keeps it.
+    // The characterized rig is written to a file and read again.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("characterized.toml");
     characterized(0.05, 5).model(Some("air".to_owned())).write(&path).expect("written");
@@ -218,7 +218,7 @@ fn a_diagnosis_with_the_rig_known_reports_what_has_moved_since_and_nothing_where
     let first = grown.moved_since.first().expect("the play has grown");
     assert_eq!(first.effect, "rig.play");
     assert!((first.now - 0.16).abs() < 0.02, "{first:?}");
-    // The change is the gap: before is the rig as it was known.
+    // The misfit before is that of the rig as it was known.
     let gap = grown.gap.expect("a gap");
     assert!(gap.removed.is_some_and(|removed| removed > 0.9), "{gap:?}");
     let [as_known, as_released] = grown.adequacy;

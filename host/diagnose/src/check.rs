@@ -1,7 +1,7 @@
-//! Sensitivity of a session, before its diagnosis: for every effect, the size from which on it would be named.
+//! Sensitivity of a session, before its diagnosis: the smallest size of every effect that would be named.
 //!
-//! There is no search. Noise, split, starting model, discrepancy and evidence are those of
-//! [`diagnose`](super::diagnose); the confirmation by held-out runs is not part of it.
+//! Noise, split, starting model, discrepancy and evidence are those of [`diagnose`](super::diagnose). There is no search, and the
+//! confirmation by held-out runs is not taken into account.
 
 use super::known::Released;
 use super::results::Estimate;
@@ -15,13 +15,13 @@ use mechanics::Support;
 use mechanics::effects::{Effect, all};
 use serde::Serialize;
 
-/// Probability with which an effect of a size in the table would be named.
+/// Probability with which an effect of the size in the table would be named.
 pub const NAMED_PROBABILITY: f64 = 0.9;
 
 /// Sensitivity of a session.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
-    /// Name and version of this form.
+    /// Name and version of this document.
     pub schema: &'static str,
     /// Name of the session.
     pub session: Option<String>,
@@ -33,12 +33,12 @@ pub struct Check {
     pub foundation: &'static str,
     /// Modulus of the starting model: K of springs, E of a body.
     pub modulus_kpa: Estimate,
-    /// Log evidence that a name needs.
+    /// Smallest log evidence of an effect that is named.
     pub needed: f64,
-    /// Probability of the name at the sizes below.
+    /// Probability with which an effect of the size below is named.
     pub probability: f64,
-    /// The effects that these runs can show. The first ones are those whose detectable size is smallest relative to a size that
-    /// a careful laboratory overlooks.
+    /// The effects that these runs can show, in ascending order of their size relative to the size that a careful laboratory
+    /// overlooks.
     pub effects: Vec<Showable>,
     /// Effects that would not be named at any size within their range.
     pub not_shown: Vec<&'static str>,
@@ -46,7 +46,7 @@ pub struct Check {
     pub warnings: Vec<String>,
 }
 
-/// An effect and the size from which on it would be named.
+/// An effect and its smallest size that would be named.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Showable {
     /// Id of the effect.
@@ -57,7 +57,7 @@ pub struct Showable {
     pub value: f64,
     /// Its value without the effect.
     pub neutral: f64,
-    /// That size as a multiple of a size that a careful laboratory overlooks.
+    /// Size at that value, as a multiple of the size that a careful laboratory overlooks.
     pub over_usual: f64,
     /// The place or time at which the session is most sensitive to it, for an effect that has one.
     pub place: Option<(&'static str, f64)>,
@@ -165,7 +165,7 @@ mod tests {
         check.effects.iter().find(|one| one.effect == id).map_or(f64::INFINITY, |one| one.value)
     }
 
-    /// An effect of the size that is stated has its name in most sessions of another generator, one of half that size in few.
+    /// In sessions of another generator an effect somewhat larger than the stated size is named in most, one of 0.4 times this size in few.
     #[test]
     #[ignore = "eight diagnoses; cargo xtask test --all runs it"]
     fn an_effect_of_the_stated_size_is_named_and_a_smaller_one_is_not() {
@@ -199,7 +199,7 @@ mod tests {
         let first = Session { lateral: lateral.lateral[..2].to_vec(), ..lateral.clone() };
         let fewer = check(&first, &Options::default(), |_| {}).expect("a check");
         assert!(value(&fewer, "tissue.skin") > 0.99 * value(&less, "tissue.skin"));
-        // A gain of the force and a stiffer needle are the same to them.
+        // Lateral runs cannot distinguish a gain of the force from a stiffer needle.
         let gain = less.effects.iter().find(|one| one.effect == "sensor.force_gain");
         assert!(gain.is_none_or(|gain| gain.alike.contains(&"needle.stiffness")), "{gain:?}");
     }

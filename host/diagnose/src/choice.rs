@@ -1,9 +1,9 @@
-//! Choice between springs and an elastic body, and the plausible models on the other one.
+//! Choice of the foundation, springs or an elastic body, and the plausible models on the other one.
 //!
 //! Each foundation imitates the other one if the modulus varies with depth: a homogeneous body looks like springs that become
 //! softer with depth, and springs of one modulus like a body that becomes stiffer. So an adequate model on one foundation does
-//! not end the search, which is repeated on the other one. Models are compared by evidence; each effect costs the margin of a
-//! name and a body costs [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
+//! not end the diagnosis: the other foundation is searched too if a modulus that varies with depth may explain the runs better
+//! there. Models are compared by their weights (theory, eq. 64), as in the intervals ([`super::averaged`]).
 
 use super::across::with_other_foundation;
 use super::adequacy::Adequacy;
@@ -20,8 +20,8 @@ use formats::session::Tissue;
 use mechanics::Support;
 use modulus::walls::FINITE_BODY;
 
-/// A foundation on which a modulus that varies with depth is further behind than this is not searched. Second effects, and the
-/// linearisation of the score, make up for some nats.
+/// The second foundation is not searched if its log evidence, with a modulus that varies with depth, is further behind than this. The
+/// margin allows for a second effect and for the linearisation of the score.
 const IN_QUESTION: f64 = 8.0;
 
 /// Result on the foundation that explains the runs best.
@@ -37,15 +37,15 @@ pub(super) struct Choice {
 #[derive(Debug, Clone)]
 pub(super) struct Beside {
     pub fitted: Fitted,
-    /// Logarithm of its odds over the chosen model. Models that were refused for other reasons than their evidence together
-    /// have even odds.
+    /// Logarithm of its odds over the chosen model. Models that would outweigh the chosen one but were refused have even odds
+    /// together.
     pub ln_odds: f64,
     /// Whether it is possible: neither its search nor the held-out runs have refused it.
     pub is_possible: bool,
 }
 
-/// Searches on springs and, where the evidence is for it, on an elastic body, and takes what explains the runs best. A body is taken
-/// where its evidence is larger by the margin: springs are the simpler model.
+/// Searches on the foundation with the larger evidence, where a body needs a margin because springs are the simpler model, and on the
+/// other one if it may explain the runs as well; chooses the better result.
 pub(super) fn choose(
     springs: Start,
     judge: &Judge,
@@ -53,7 +53,7 @@ pub(super) fn choose(
     tissue: &Tissue,
     mut report: impl FnMut(&str),
 ) -> Result<Choice, DiagnoseError> {
-    // Walls that are stated are in the model, or far.
+    // If the walls are stated, the model contains them, or they are far away.
     let walls = tissue.walls.map(|_| FINITE_BODY);
     let left_out: Vec<&'static str> = options.left_out.iter().copied().chain(walls).collect();
     let catalogue = Catalogue { laws: options.discovery, left_out: &left_out };
@@ -82,33 +82,33 @@ pub(super) fn choose(
         && (is_in_question(&first, &second, &found)?
             || promises_more(&found, &on(&first, judge, catalogue), &on(&second, judge, catalogue))?);
     let other_outcome = if is_searched { on(&second, judge, catalogue).run(&mut report).ok() } else { None };
-    // If no effect is named on one foundation, a name on the other one has to explain the held-out runs better, too.
+    // If no effect was added on the first foundation, effects on the other one also have to reduce the held-out misfit.
     let is_better = other_outcome.as_ref().is_some_and(|other| {
         let explains_held_out = !found.members.is_empty()
             || other.members.is_empty()
             || judge.held_out_shrinks(&found.fitted, &other.fitted);
         other.prior.ln_weight(&other.fitted) > found.prior.ln_weight(&found.fitted) && explains_held_out
     });
-    let (start, found, refused, unused) = match other_outcome {
+    let (start, found, other_start, unused) = match other_outcome {
         Some(other) if is_better => (second, other, first, Some(found)),
         other => (first, found, second, other),
     };
-    let springs = if start.fitted.layout.support.is_body() { &refused.fitted } else { &start.fitted };
+    let springs = if start.fitted.layout.support.is_body() { &other_start.fitted } else { &start.fitted };
     let foundation = FoundationResult::of(&found.fitted, springs, comparison);
-    let unchosen = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found));
+    let unchosen = unused.map_or_else(Vec::new, |unused| beside(&other_start, &unused, &found));
     let mut found = found;
     with_other_foundation(&mut found.members, &found.fitted, &unchosen, judge);
     Ok(Choice { foundation, start, found, beside: unchosen })
 }
 
-/// The search for what is missing on a foundation.
+/// The search for missing effects on a foundation.
 fn on<'a>(start: &'a Start, judge: &'a Judge, catalogue: Catalogue<'a>) -> Search<'a> {
     let Start { runs, patterns, fitted } = start;
     Search::new(fitted, runs, patterns, judge, catalogue)
 }
 
-/// Whether a law without a name was found on the first foundation, and the second has an effect that by its score may be what it stands in for:
-/// some laws are of springs alone.
+/// Whether a law was found on the first foundation, and the score of an effect on the second foundation is high enough that this effect may
+/// replace the law: some laws exist on springs only.
 fn promises_more(found: &Found, first: &Search<'_>, second: &Search<'_>) -> Result<bool, DiagnoseError> {
     let effects = &found.fitted.layout.effects;
     let mut added = found.members.iter().filter_map(|member| effects.get(member.index));
@@ -119,12 +119,12 @@ fn promises_more(found: &Found, first: &Search<'_>, second: &Search<'_>) -> Resu
     Ok(other_start + other_best > start + leading(best))
 }
 
-/// Whether the second foundation may explain the runs as well as what was found on the first.
+/// Whether the second foundation may explain the runs as well as the model that was found on the first.
 fn is_in_question(first: &Start, second: &Start, found: &Found) -> Result<bool, DiagnoseError> {
     let is_adequate =
         found.members.is_empty() && Adequacy::of(&first.fitted, &first.runs, &first.patterns)?.is_adequate();
-    // Effects that stand in for the other foundation are needed on one of them only; and what has no name on one may have one on the
-    // other, which has effects of its own.
+    // Effects that imitate the other foundation are needed on one foundation only. A misfit without a name on one foundation may have a
+    // name on the other, which has effects of its own.
     if !is_adequate && !second.is_far_behind(found, &first.fitted)? {
         return Ok(true);
     }
@@ -133,7 +133,7 @@ fn is_in_question(first: &Start, second: &Start, found: &Found) -> Result<bool, 
     Ok(gain > needed_gain && gain > 0.0)
 }
 
-/// The models on the foundation that was not chosen that are not far behind, likeliest first.
+/// The plausible models on the foundation that was not chosen, most probable first.
 fn beside(start: &Start, unused: &Found, chosen: &Found) -> Vec<Beside> {
     let most = chosen.prior.ln_weight(&chosen.fitted);
     let candidates = unused.first.iter().filter_map(|candidate| {
@@ -164,8 +164,8 @@ mod tests {
     use super::super::{Options, Verdict, diagnose};
     use worlds::{Design, Truth};
 
-    /// Springs that get softer with depth are no homogeneous body, though one alone explains them adequately: what else would explain the runs
-    /// is stated, and where the gradient has its name K is that of the surface.
+    /// Springs that become softer with depth are not reported as a homogeneous body alone, although such a body explains the runs: the
+    /// alternative is a limit, and if the gradient is named, K is that of the surface.
     #[test]
     fn a_modulus_that_falls_with_depth_is_not_taken_for_a_homogeneous_body() {
         let falling = Truth { k_kpa: 9.0, ..truth(vec![("tissue.gradient", vec![-0.012])]) };

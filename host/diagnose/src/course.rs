@@ -2,14 +2,14 @@
 //!
 //! The input of the model is the position of guide 2, of which the readings have errors. If they were taken as exact, their
 //! white noise would favour a delayed force, because a delay averages the noise. Therefore the trajectory between two holds is
-//! unknown ([`windows`]), and the model uses its posterior mean: the errors about that mean are uncorrelated with it and cause
-//! no bias (regression calibration). Their covariance enters that of the forces ([`Window`]).
+//! unknown ([`Window`]), and the model uses its posterior mean: the errors about that mean are uncorrelated with it and cause
+//! no bias (regression calibration). Their covariance enters that of the forces.
 //!
-//! A priori guide 2 starts at any time, moves at one speed and stops at any time; the deviation from that motion has normal
-//! second differences with an unknown scale, from zero to that of the readings. The posterior averages over times and scale
-//! with their likelihood. Their priors are uniform, so that the mean has no tendency to start or to stop early. As a hold is
-//! detected only where motion exceeds the noise, the trajectory is unknown into the hold for as long as noise can hide motion
-//! at the mean speed. Readings without noise are followed exactly.
+//! A priori guide 2 starts at any time, moves at constant speed and stops at any time; the deviation from that motion has normal
+//! second differences with an unknown scale, from zero to twice the largest one of the readings. The posterior averages over times
+//! and scale, weighted by their likelihood. The priors of the times are uniform, so that the mean has no tendency to start or to
+//! stop early. A hold is detected only when motion exceeds the noise; therefore the window of the unknown trajectory extends into
+//! the holds for as long as noise can hide motion at the mean speed. Readings without noise are followed exactly.
 //!
 //! Carroll, Ruppert, Stefanski and Crainiceanu, "Measurement error in nonlinear models" (2006), chapter 4; Wahba, "A
 //! comparison of GCV and GML for choosing the smoothing parameter" (1985).
@@ -18,19 +18,20 @@ use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Sizes of the second differences, in standard deviations of the readings, are apart by this ratio; the smallest moves the middle by a tenth of one.
+/// Ratio of neighbouring sizes of the second differences on the grid, and shift of the middle of the window by the smallest size, in standard
+/// deviations of a reading.
 const SIZE_RATIO: f64 = 2.0;
 const UNSEEN_SHIFT: f64 = 0.1;
-/// Noise is nothing beside second differences of so many of its standard deviations.
+/// If the largest second difference exceeds this many standard deviations of a reading, the noise is negligible.
 const NO_NOISE: f64 = 1e3;
-/// Times of starting and of stopping that are tried, each time in the range that the ones before left.
+/// Number of start times, and of stop times, on the grid, and number of times that the grid is narrowed to the likely range.
 const TIMES: usize = 24;
 const REFINEMENTS: usize = 3;
-/// A motion within this share of a cell is a step.
+/// Shortest motion, as a fraction of a cell: a shorter one does not differ from a step.
 const STEP: f64 = 0.1;
-/// Less likely by this factor is left out.
+/// Times and sizes whose probability, relative to the largest, is below this are ignored.
 const NEGLIGIBLE: f64 = 1e-4;
-/// So many standard deviations are no chance.
+/// Number of standard deviations that noise does not exceed.
 const NO_CHANCE: f64 = 3.0;
 
 /// Readings of one plane, in cells.
@@ -76,7 +77,8 @@ impl Window {
     }
 }
 
-/// Mean position of guide 2 in every cell, and where it is not that of a hold for sure. `stood_m` are the positions of the holds.
+/// Posterior mean of the position of guide 2 in every cell, and the windows in which guide 2 may have moved. `stood_m` are the positions of
+/// the holds.
 pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Window>) {
     let holds_m: Vec<Option<f64>> =
         track.hold.iter().map(|hold| hold.and_then(|hold| stood_m.get(hold).copied())).collect();
@@ -94,7 +96,7 @@ pub(super) fn course(track: &Track<'_>, stood_m: &[f64]) -> (Vec<f64>, Vec<Windo
         let previous_m = gap.start.checked_sub(1).and_then(|cell| holds_m[cell]);
         let next_m = holds_m.get(gap.end).copied().flatten();
         let (Some(first_m), Some(last_m)) = (previous_m.or(next_m), next_m.or(previous_m)) else { continue };
-        // As far into the holds as motion at the mean speed, on both sides, is hidden in the noise.
+        // The window extends into the holds on both sides by the time in which noise can hide motion at the mean speed.
         let hidden_m = NO_CHANCE * track.sd_m;
         let visible_m = (last_m - first_m).abs() - 2.0 * hidden_m;
         let hidden = if visible_m > 0.0 {
@@ -125,7 +127,7 @@ struct Passage<'a> {
 }
 
 impl Passage<'_> {
-    /// Mean and covariance of the positions given the readings; `None` where they are followed as they are.
+    /// Mean and covariance of the positions given the readings; `None` if the readings are followed exactly.
     fn posterior(&self) -> Option<(Vec<f64>, DMatrix<f64>)> {
         let Track { time_s, length_s, read_m, sd_m, .. } = *self.track;
         let count = self.cells.len();
@@ -169,11 +171,11 @@ impl Passage<'_> {
     }
 }
 
-/// Functions on the cells in which second differences are diagonal: sines that vanish beyond an end with a hold, and are level at an
-/// end without.
+/// Orthonormal functions on the cells that diagonalise the second differences: sines that vanish in the hold beyond an end, and have zero
+/// slope at an end without a hold.
 struct Modes {
     basis: DMatrix<f64>,
-    /// Second difference of every mode in units of its size.
+    /// Second difference of every mode, relative to the mode.
     curvature: Vec<f64>,
     has_hold: [bool; 2],
 }
@@ -199,7 +201,7 @@ impl Modes {
         self.basis.tr_mul(values)
     }
 
-    /// Largest second difference of readings that start at zero and end at `way`.
+    /// Largest second difference of readings that start at zero and end at `way`; at least 1.
     fn largest_second_difference(&self, readings: &DVector<f64>, way: f64) -> f64 {
         let [hold_before, hold_after] = self.has_hold;
         let mut values: Vec<f64> = readings.iter().copied().collect();
@@ -212,7 +214,7 @@ impl Modes {
         values.windows(3).map(|three| (three[0] - 2.0 * three[1] + three[2]).abs()).fold(1.0, f64::max)
     }
 
-    /// Sizes of the second differences: nothing, and from what cannot be seen to twice the largest.
+    /// Grid of sizes of the second differences: zero, and from an invisible one to twice the largest.
     fn sizes(&self, largest: f64) -> Vec<f64> {
         let slowest = self.curvature.first().copied().unwrap_or(1.0);
         let steps = (2.0 * largest / (UNSEEN_SHIFT * slowest)).log(SIZE_RATIO).ceil().max(1.0) as i32;
@@ -228,20 +230,21 @@ impl Modes {
     }
 }
 
-/// Courses at one speed between a time of starting and one of stopping.
+/// Motions at constant speed from a start time to a stop time, for all pairs of times on the grid.
 struct Courses {
-    /// Times of starting, and then those of stopping.
+    /// Start times, followed by the stop times.
     times_s: Vec<f64>,
+    /// Number of start times.
     starts: usize,
-    /// Shortest time from starting to stopping: motion within less is not told from a step.
+    /// Shortest duration of a motion: a shorter one does not differ from a step.
     step_s: f64,
-    /// Way from the hold before to the one after, in standard deviations of a reading.
+    /// Distance from the hold before to the one after, in standard deviations of a reading.
     way: f64,
-    /// Way after each of the times at a speed of one, in modes.
+    /// Distance moved since each of the times at a speed of one, in modes.
     ways: DMatrix<f64>,
 }
 
-/// One size with the likelihood of its courses.
+/// One size of the second differences, with its evidence and the probabilities of the times.
 struct OfSize {
     ln_evidence: f64,
     noise_share: DVector<f64>,
@@ -265,7 +268,7 @@ impl Courses {
         Self { ways: modes.basis.tr_mul(&unit_distances), starts: times_s.len() / 2, times_s, step_s, way }
     }
 
-    /// Longest time from starting to stopping.
+    /// Longest duration of a motion.
     fn longest_s(&self) -> f64 {
         self.times_s.first().zip(self.times_s.last()).map_or(0.0, |(start_s, stop_s)| stop_s - start_s)
     }
@@ -318,7 +321,7 @@ impl Courses {
         likely.into_iter().map(|(weight, one)| (weight / sum, one)).collect()
     }
 
-    /// Ranges of the times of starting and stopping in which they are likely, and one step more.
+    /// Ranges in which the start and the stop times are likely, extended by one step.
     fn likely_ranges(
         &self,
         seen: &DVector<f64>,
@@ -344,7 +347,7 @@ impl Courses {
         })
     }
 
-    /// Mean and covariance, in modes.
+    /// Posterior mean and covariance of the positions, in modes.
     fn posterior(&self, seen: &DVector<f64>, modes: &Modes, sizes: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
         let count = seen.len();
         let (mut mean, mut second) = (DVector::zeros(count), DMatrix::zeros(count, count));
@@ -380,7 +383,7 @@ impl Courses {
     }
 }
 
-/// Mean over a cell of the way since a time, at a speed of one.
+/// Mean over a cell of the distance moved since a time, at a speed of one.
 fn mean_way([middle_s, length_s]: [f64; 2], since_s: f64) -> f64 {
     let [start_s, end_s] = [-0.5, 0.5].map(|share| (middle_s + share * length_s - since_s).max(0.0));
     if length_s > 0.0 { (end_s * end_s - start_s * start_s) / (2.0 * length_s) } else { end_s }

@@ -1,4 +1,4 @@
-//! Courses of guide 2 that are known, read with noise.
+//! Known trajectories of guide 2, read with noise.
 
 use super::*;
 use noise::Noise;
@@ -6,8 +6,7 @@ use noise::Noise;
 const MM: f64 = 1e-3;
 const CELL_S: f64 = 0.05;
 
-/// Readings of a guide that stands for a second, moves by a millimetre within another from `start_s` on, and stands again; the cells of
-/// the holds are those before and after the given ones.
+/// A guide that stands until `start_s`, moves by a millimetre within a second, and stands again. The cells of `gap` belong to no hold.
 struct Ramp {
     time_s: Vec<f64>,
     truth_m: Vec<f64>,
@@ -34,7 +33,7 @@ impl Ramp {
     }
 }
 
-/// Over ramps that begin anywhere in a cell: noise is taken off, what is left of it has the size that is stated, and no delay is in it.
+/// For ramps that begin anywhere in a cell the noise is reduced, the remaining error has the stated covariance, and there is no delay.
 #[test]
 fn noise_is_taken_off_as_far_as_stated_and_leaves_no_delay() {
     let mut random = Noise::new(7);
@@ -112,7 +111,7 @@ fn an_end_of_a_recording_is_followed_as_far_as_it_is_no_noise() {
     let time_s: Vec<f64> = (0..40).map(|cell| CELL_S * f64::from(cell)).collect();
     let (mut squares, mut of_readings) = (0.0, 0.0);
     for _ in 0..20 {
-        // It moves into the hold, and stays there.
+        // Guide 2 moves into the hold, and stays there.
         let truth_m: Vec<f64> = time_s.iter().map(|s| MM * (s - 0.8).min(0.0)).collect();
         let read_m: Vec<f64> = truth_m.iter().map(|m| m + sd_m * random.normal()).collect();
         let track = Track { time_s: &time_s, length_s: &[0.0; 40], read_m: &read_m, hold: &hold, sd_m };
@@ -130,12 +129,12 @@ fn an_end_of_a_recording_is_followed_as_far_as_it_is_no_noise() {
 fn positions_of_stretches_share_the_error_of_their_window() {
     let window = Window { cells: 2..4, covariance: DMatrix::from_row_slice(2, 2, &[4.0, 1.0, 1.0, 2.0]) };
     assert_eq!(window.covariance_of(&[2, 3], &[2, 3]), 2.0);
-    // Outside of it nothing is shared.
+    // Cells outside the window share no error.
     assert_eq!(window.covariance_of(&[1, 2], &[3, 4]), 0.25);
     assert_eq!(window.covariance_of(&[0], &[2]), 0.0);
 }
 
-/// A motion that lies between two readings, of a sensor without noise: the readings are the course.
+/// For a motion between two readings of a sensor without noise the trajectory is that of the readings.
 #[test]
 fn a_step_between_two_exact_readings_is_followed() {
     for [from_m, to_m] in [[0.0, 0.4e-3], [0.4e-3, 0.8e-3], [1.2e-3, 0.0]] {

@@ -1,8 +1,8 @@
-//! A session's runs in the form of the diagnosis: the motions, the measured values, and the coordinates of each value.
+//! A session's runs as data of the diagnosis: the motions, the measured values, and the coordinates of each value.
 //!
-//! Force series are averaged over short stretches: the holds from their beginning on in stretches that grow with time, the ramps in
-//! stretches of a tenth of a second. Within a hold guide 2 stands at the mean of its readings. Readings far from their
-//! neighbours are skipped, by a criterion that uses the readings alone and no model.
+//! Forces are averaged over short stretches: in holds over stretches whose length grows with the time since the begin of the hold, in
+//! ramps over a tenth of a second. Within a hold the position of guide 2 is the mean of its readings. Outliers are skipped, by a
+//! criterion that uses the readings alone and no model.
 
 use super::cells::{Cells, cells, held, stood, stretches, travelled};
 use super::misread::step_m;
@@ -91,7 +91,7 @@ impl Channel {
     }
 }
 
-/// Predicted values that a measured number represents.
+/// Predicted values with which a measured value is compared.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Source {
     /// Mean force over drive samples.
@@ -100,11 +100,11 @@ pub(super) enum Source {
     Shape(usize),
     /// A depth of an insertion.
     Tip(usize),
-    /// The needle's slope at a depth of an insertion.
+    /// Slope of the needle at a depth of an insertion.
     Direction(usize),
 }
 
-/// Coordinates of a measured number.
+/// Coordinates of a measured value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     /// Depth below the surface; for forces the depth of the needle.
@@ -119,16 +119,16 @@ pub(super) struct Place {
     pub time_s: f64,
 }
 
-/// A measured number.
+/// A measured value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Datum {
     pub channel: Channel,
     pub measured: f64,
     pub source: Source,
     pub place: Place,
-    /// The hold, or stretch of depth, that it belongs to.
+    /// Number of the hold, or of the interval of depth, to which it belongs.
     pub part: usize,
-    /// Number of points of a shape, all at this place, in the mean.
+    /// Number of points of a shape at this place, of which it is the mean.
     pub points: usize,
 }
 
@@ -171,16 +171,16 @@ pub(super) struct Run {
     pub is_reference: bool,
 }
 
-/// Guide 2 has not moved in a plane in which no hold is further from zero.
+/// Guide 2 has not moved in a plane if no hold is further from zero than this.
 const IDLE_M: f64 = 0.05e-3;
 /// Depth of a part of an insertion.
 const PART_M: f64 = 20e-3;
-/// A change of the rotation or of guide 2 within this length is a step, not a ramp; a rotation is one beyond this angle.
+/// Length within which a change of the rotation or of guide 2 is a step and not a ramp, and smallest rotation that counts as a step.
 const STEP_LENGTH_M: f64 = 1e-3;
 const ROTATION_STEP_RAD: f64 = 0.02;
-/// Rests that are enough for an insertion.
+/// Number of readings at rest from which on those on the way are not used.
 const ENOUGH_RESTS: usize = 12;
-/// Cells of depth over which the speed of an insertion is measured: shorter than the pushes of a hand.
+/// Length of the cells of depth over which the speed of an insertion is measured: it is shorter than the pushes of a hand.
 const SPEED_CELL_M: f64 = 0.2e-3;
 
 impl Run {
@@ -213,7 +213,7 @@ impl Run {
         let start_s = cells.time_s.first().copied().unwrap_or_default();
 
         let mut data = Vec::new();
-        // Forces mean nothing beside a bending stiffness that is not known.
+        // If the bending stiffness is unknown, the forces carry no information.
         let planes = match (rig.needle.stiffness_known, &run.force.force_x_n) {
             (false, _) => 0,
             (true, None) => 1,
@@ -229,7 +229,7 @@ impl Run {
                 let [time_s, level_m, force_n] = [&cells.time_s, &cells.read_m[axis], &cells.force_n[plane]]
                     .map(|values| usable.iter().map(|i| values[*i]).sum::<f64>() / usable.len() as f64);
                 let hold = cells.hold[stretch.start];
-                // Readings on the way to a hold belong to it.
+                // Readings on the way to a hold belong to this hold.
                 let next = cells.hold[stretch.start..].iter().flatten().next().copied();
                 let part_index = hold.or(next).unwrap_or(holds.len() - 1);
                 let mut cell_place = level_places[part_index];
@@ -273,12 +273,12 @@ impl Run {
             z_shared_sd_m.extend(shape.indices.iter().map(|index| run.shape.shared_sd_m(*index)));
             shared_m.extend(shape.indices.iter().map(|index| run.shape.shared_errors_m(*index)));
         }
-        // Both planes of a channel lie together.
+        // The data are sorted by plane, then forces before shapes.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
-        let position_m = held(&cells);
-        let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &position_m));
-        let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &position_m));
-        // A plane in which guide 2 stays where it is has nothing but noise in its readings.
+        let hold_cells = held(&cells);
+        let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &hold_cells));
+        let sd_m = cells.read_m.each_ref().map(|read_m| reading_sd_m(read_m, &hold_cells));
+        // In a plane in which guide 2 does not move the readings are noise about a constant.
         let travelled_m = [0, 1].map(|plane| {
             if most_m[plane] <= IDLE_M {
                 return vec![idle_m[plane]; cells.time_s.len()];
@@ -372,7 +372,7 @@ impl Run {
         Self { data, ..self.clone() }
     }
 
-    /// 1 where the needle of an insertion is turned on the way, -1 where it is not.
+    /// 1 if the needle is turned during an insertion, -1 if it is not.
     pub fn turned(&self) -> f64 {
         match &self.experiment {
             Experiment::Insertion(done) if !done.rotation_rad.is_constant() => 1.0,
@@ -380,8 +380,8 @@ impl Run {
         }
     }
 
-    /// Whether the needle is turned or guide 2 is moved (at rest or over a millimetre) in a part of an insertion: the path then
-    /// has a step or a kink there that the model explains and that is no noise.
+    /// Whether the needle is turned or guide 2 is moved (at rest or within a millimetre) in a part of an insertion: the path then
+    /// has a step or a kink there, which is not noise and which the model explains.
     pub fn turns_in(&self, part: usize) -> bool {
         let Experiment::Insertion(insertion) = &self.experiment else { return false };
         let part_start_m = PART_M * part as f64;
@@ -410,23 +410,23 @@ impl Run {
     }
 }
 
-/// Without what was read on the way, in a recording in which the needle rests often enough: guides and needle lag behind there.
+/// The path with readings at rest only, if there are enough of them: in motion guides and needle lag behind.
 fn at_rest(path: TipPath) -> TipPath {
     let resting: Vec<Bin> = path.bins.iter().filter(|bin| !bin.moving).copied().collect();
     if resting.len() < ENOUGH_RESTS { path } else { path.with_bins(resting) }
 }
 
-/// Speed at which an insertion advances, m/s: the median over cells of depth, so that rests between pushes do not
-/// count. `None` if no times are recorded or fewer than two cells are crossed.
+/// Speed of an insertion, m/s: the median over cells of depth, so that rests between pushes do not count. `None` if no times are
+/// recorded or fewer than two cells are crossed.
 fn speed(run: &InsertionRun) -> Option<f64> {
     let times_s = run.time_s.as_ref()?;
-    // When the deepest depth so far first reached each face of a cell.
+    // Times at which the needle first reached each face of a cell.
     let mut faces_s: Vec<f64> = Vec::new();
     let mut previous: Option<(f64, f64)> = None;
     for (depth_m, time_s) in run.depth_m.iter().copied().zip(times_s.iter().copied()) {
         let (deepest_m, since_time_s) = previous.unwrap_or((depth_m, time_s));
         if depth_m <= deepest_m {
-            // A rest ends with its last row: what is crossed then is crossed from there on.
+            // The next crossing is timed from the last row of a rest.
             previous = Some((deepest_m, time_s));
             continue;
         }
@@ -446,7 +446,7 @@ fn speed(run: &InsertionRun) -> Option<f64> {
 }
 
 fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
-    // A mean's standard error from its own scatter; what moves by less has not moved.
+    // A change smaller than the standard errors of the means, from their own scatter, is not a motion.
     let errors_m = holds.iter().map(|hold| {
         let mean = [Some(hold.displacement_y_m), hold.displacement_x_m][axis];
         mean.map_or(0.0, |mean| mean.standard_error(mean.scatter))

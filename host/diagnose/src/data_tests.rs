@@ -1,4 +1,4 @@
-//! Speed and steps at rest of a recorded insertion.
+//! Speed of a recorded insertion, and steps of guide 2 in it.
 
 use super::*;
 
@@ -21,7 +21,7 @@ fn recorded(rows: &[[f64; 3]]) -> InsertionRun {
     }
 }
 
-/// 60 mm at 5 mm/s in rows of 0.1 s; a rest of so many seconds after every so many rows.
+/// An insertion of 60 mm at 5 mm/s in rows of 0.1 s, with a rest of `rest_s` seconds after every `every` rows.
 fn pushed(rest_s: f64, every: usize) -> InsertionRun {
     let mut rows = Vec::new();
     let mut time_s = 0.0;

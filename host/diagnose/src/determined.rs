@@ -1,16 +1,16 @@
-//! Criteria for a fit to determine an effect: size, interval and range.
+//! Criteria by which a fit determines an effect: size, interval and range.
 
 use super::layout::{NORMAL_975, Scale};
 use super::posterior::Fitted;
 use mechanics::effects::ParameterInfo;
 
-/// Least size of an effect, as a share of what may be overlooked and of the likely values. Smaller frictions than a fiftieth of the likely
-/// ones (10 mN) are what the hysteresis of an ordinary force sensor looks like.
+/// Smallest size of an effect, as a fraction of the size that may be overlooked and of the range of likely values. A smaller friction than a
+/// fiftieth of the likely range (10 mN) resembles the hysteresis of an ordinary force sensor.
 const MIN_OF_OVERLOOKED: f64 = 0.2;
 const MIN_OF_LIKELY: f64 = 0.02;
 
-/// Size, inside the fits, below which a parameter stands for nothing of interest: a fifth of what a careful laboratory
-/// would overlook, and no more than a small part of the likely values.
+/// Size, in the scale of the fits, below which a parameter is negligible: a fifth of the size that a careful laboratory would overlook, or a
+/// fiftieth of the range of likely values if that is smaller.
 fn least_size(info: &ParameterInfo) -> f64 {
     let scale = Scale::of(info);
     let overlooked = scale.inside(info.neutral + info.prior_sd) - scale.inside(info.neutral);
@@ -18,8 +18,8 @@ fn least_size(info: &ParameterInfo) -> f64 {
     (MIN_OF_OVERLOOKED * overlooked).min(MIN_OF_LIKELY * (high - low))
 }
 
-/// Whether an effect of a fit is large enough to matter, with an interval that has neither sizes which are not nor an end of its range, and the
-/// modulus is not at the end of its own.
+/// Whether a fit determines an effect: the 95 % interval of one of its parameters excludes negligible sizes, no interval contains an end of
+/// the parameter's range, and the modulus is not at an end of its range.
 pub(super) fn is_determined(fitted: &Fitted, index: usize) -> bool {
     let first = fitted.layout.first_of(index);
     let infos = fitted.layout.effects[index].parameters();
@@ -32,7 +32,7 @@ pub(super) fn is_determined(fitted: &Fitted, index: usize) -> bool {
     is_large
         && !at_bound
         && infos.iter().enumerate().all(|(number, info)| {
-            // An interval that reaches the end of a range is a bound, not a value; the neutral value is another matter.
+            // An interval that reaches an end of the range gives only a bound. An end that is the neutral value is allowed.
             let scale = Scale::of(info);
             let half = NORMAL_975 * fitted.sd(first + number);
             let value = fitted.values()[first + number];

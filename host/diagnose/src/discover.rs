@@ -17,7 +17,7 @@ use mechanics::terms::{Law, grammar};
 use rayon::prelude::*;
 use readings::FitError;
 
-/// The terms that the runs of a fit may show, where these names are left out of the catalogue.
+/// The laws that the runs of a fit may show; `left_out` are the effects that are excluded from the catalogue.
 pub(super) fn shown(base: &Fitted, left_out: &[&str]) -> Vec<&'static Law> {
     let [lateral, insertion] = base.layout.kinds;
     grammar(left_out)
@@ -29,8 +29,8 @@ pub(super) fn shown(base: &Fitted, left_out: &[&str]) -> Vec<&'static Law> {
         .collect()
 }
 
-/// Directions of laws around a fit, those of one site and regressor together: what laws of several share is not needed, and a product of all with
-/// all would be most of the work.
+/// Directions of laws around a fit, grouped by site and regressor: scalar products between groups are not needed, and would be most of the
+/// work.
 pub(super) fn columns(
     laws: &[&'static Law],
     base: &Fitted,
@@ -47,10 +47,10 @@ pub(super) fn columns(
     pairs.into_par_iter().map(of_pair).collect()
 }
 
-/// Scores of these columns around a fit, best first; effects of its model have none.
+/// Scores of these columns around a fit, best first, without the effects of its model.
 ///
 /// # Errors
-/// Where a size of the discrepancy makes no sense.
+/// If a size of the discrepancy is invalid.
 pub(super) fn ranked(
     columns: &[Columns],
     base: &Fitted,

@@ -1,11 +1,11 @@
-//! Discrepancy of real rigs and tissues from any model: its basis functions (patterns) and their typical sizes.
+//! Discrepancy between real rigs and tissues and any model: its basis functions (patterns) and their typical sizes.
 //!
-//! A pattern is the change of the data by one unit of a small imperfection. The amplitudes of a [`Group`] share one standard
+//! A pattern is the change of the predicted data per unit of a small imperfection. The amplitudes of a [`Group`] share one standard
 //! deviation, its size, which maximizes the evidence separately for every hypothesis ([`Patterns`]): the plain model needs a
 //! large discrepancy, the right effect a small one. Patterns are computed once per session, around the fit of the plain model,
 //! and once more around the final model, for its intervals.
 //!
-//! | of | file |
+//! | patterns of | file |
 //! |---|---|
 //! | lateral runs | `discrepancy/lateral` |
 //! | insertions | `discrepancy/insertion` |
@@ -55,18 +55,18 @@ impl Cause {
     }
 }
 
-/// The group of an entry of the table of unknowns: a size is found, an error's is known.
+/// Group of an entry of the table of unknowns. If the entry is a size, the size of the group is estimated; otherwise it is known.
 pub(super) fn group_of(unknown: &Unknown) -> Group {
     let tail = (unknown.prior.family == Family::Size).then_some(unknown.sd());
     let (name, everyday) = (unknown.name, unknown.typical_sd());
     Group { name, everyday, tail, smaller_sd_ln: SMALLER_SIZE_SD_LN, multiple: 1.0 }
 }
 
-/// A group with its patterns, in SI and in the order of the data of each run; empty where it does not show.
+/// A group with its patterns, in SI and in the order of the data of each run; empty for a run that it does not affect.
 struct GroupPatterns {
     group: Group,
     scope: Scope,
-    /// Per run, per pattern.
+    /// Values of each pattern in each run: run, pattern, datum.
     of_runs: Vec<Vec<Vec<f64>>>,
     cause: Cause,
 }
@@ -74,7 +74,7 @@ struct GroupPatterns {
 /// Patterns of one run.
 type Made = Result<Vec<Vec<f64>>, ModelError>;
 
-/// Groups of the patterns of one kind of run; other runs have none of them.
+/// Groups of patterns for one kind of run; runs of the other kind have no patterns of these groups.
 struct Groups<'a> {
     runs: &'a [Around<'a>],
     kind: Kind,
@@ -108,7 +108,7 @@ impl<'a> Groups<'a> {
         Ok(())
     }
 
-    /// The groups that show in any run.
+    /// The groups that affect any run.
     fn shown(self) -> Vec<GroupPatterns> {
         let mut list = self.list;
         list.retain(|group| group.of_runs.iter().flatten().any(|pattern| shows(pattern)));
@@ -131,7 +131,7 @@ struct Around<'a> {
 }
 
 impl Around<'_> {
-    /// Change of the prediction per `step`, where `change` takes the model one step on.
+    /// Derivative of the prediction, by a difference: `change` moves the model, or the experiment, by `step`.
     fn slope(
         &self,
         step: f64,
@@ -166,7 +166,7 @@ pub(super) fn patterns(
     Ok(whitened(groups, runs))
 }
 
-/// Groups that are larger than usual where another session has shown that they are.
+/// Multiplies the typical sizes of the groups that other sessions have shown to be larger than usual.
 fn sized(mut groups: Vec<GroupPatterns>, multiples: &Multiples) -> Vec<GroupPatterns> {
     for GroupPatterns { group, .. } in groups.iter_mut().filter(|of| of.group.tail.is_some()) {
         group.multiple = multiples.get(group.name).copied().unwrap_or(1.0).max(1.0);
@@ -175,7 +175,7 @@ fn sized(mut groups: Vec<GroupPatterns>, multiples: &Multiples) -> Vec<GroupPatt
     groups
 }
 
-/// Possible changes between the reference and the session by remounting: the same patterns once more, in the session
+/// Groups for changes between the reference and the session by remounting: copies of the affected patterns that act in the session
 /// alone.
 fn remounted(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
     let mounted = groups.iter().filter(|group| group.cause.is_mounted());
@@ -196,7 +196,7 @@ fn remounted(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> 
     remounted.collect()
 }
 
-/// Those of the instruments and of differences between runs: what the misfit of held-out runs is measured against. `multiples` as for
+/// Patterns of the instruments and of differences between runs, which are the nuisances in the misfit of held-out runs. `multiples` as for
 /// [`patterns`].
 ///
 /// # Errors
@@ -232,8 +232,8 @@ fn groups(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Vec<Grou
 
 /// Whitens the patterns and sorts them into shared ones and those of each run.
 fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
-    // Patterns of every group that any run shows: the others, as of a plane that was not measured, have no amplitude to
-    // be found.
+    // Only patterns that affect some run are kept: others, such as those of a plane that was not measured, have no identifiable
+    // amplitude.
     let groups_shown: Vec<Vec<usize>> = groups
         .iter()
         .map(|group| {

@@ -1,4 +1,4 @@
-//! A diagnosis in words, for the screen and for reports.
+//! Text of a diagnosis, for the screen and for reports.
 
 use super::results::{FoundEffect, ModulusStatus, RegionResult, Verdict};
 use std::fmt::{self, Display};
@@ -32,7 +32,7 @@ impl Display for RegionResult {
 }
 
 impl ModulusStatus {
-    /// A modulus with its interval, kPa; without a value if the runs do not identify it.
+    /// Text of a modulus with its interval, kPa; without a value if the runs do not identify it.
     pub fn modulus_text(self, value_kpa: f64, [low_kpa, high_kpa]: [f64; 2]) -> String {
         match self {
             Self::Identified => format!("{value_kpa:.2} kPa ({low_kpa:.2} to {high_kpa:.2})"),
@@ -108,7 +108,7 @@ fn words(coordinate: &str) -> String {
     coordinate.rsplit_once('_').map_or(coordinate, |(name, _)| name).replace('_', " ")
 }
 
-/// An interval, or the one value it is.
+/// Text of an interval, or of its value if it has no length.
 fn span(from: f64, to: f64) -> String {
     if (to - from).abs() < 0.05 { format!("{from:.1}") } else { format!("{from:.1} to {to:.1}") }
 }

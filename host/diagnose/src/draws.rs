@@ -1,8 +1,8 @@
 //! Draws from the posterior of a diagnosis over all plausible models, with the same fits and weights as its intervals (theory,
 //! eq. 66), and the readings that they predict.
 //!
-//! A draw first chooses a model by its weight, then the parameters from the normal distribution of its fit. The parameters of an effect
-//! that the model does not have are at their neutral values.
+//! For each draw a model is drawn with probability proportional to its weight, then the parameters from the normal posterior of its
+//! fit. The parameters of an effect that the model does not have are at their neutral values.
 
 mod readings;
 
@@ -26,13 +26,13 @@ const PARAMETERS: u64 = 2;
 const APART: u64 = 3;
 const PRIOR: u64 = 4;
 pub(super) const READINGS: u64 = 5;
-/// Models with less of the weight than this are in no digit of a draw's mean.
+/// Smallest fraction of the total weight of a model that is drawn: less changes no printed digit of a mean.
 const MIN_WEIGHT: f64 = 1e-4;
-/// Draws from a prior within a range: after so many outside the nearest end is taken.
+/// Largest number of tries for a draw within a range, or for a draw at which the model has a solution.
 const MAX_TRIES: usize = 100;
 const MM_PER_M: f64 = 1e3;
 
-/// Model of each draw, and the deviation of its parameters from the values of the fit.
+/// Draws: the model of each draw, and the deviation of its parameters from the values of the fit.
 pub(super) struct Deviations<'a> {
     pub options: DrawOptions,
     pub models: Vec<(f64, &'a Fitted)>,
@@ -60,7 +60,7 @@ impl<'a> Deviations<'a> {
         Self { options, models, picks, deviations }
     }
 
-    /// A quantity of every draw, of which each model gives its linear form.
+    /// Values of a quantity in all draws; `form` is its linear form in a model.
     fn of(&self, stream: u64, form: impl Fn(&Fitted) -> Linear) -> Vec<f64> {
         let forms: Vec<Linear> = self.models.iter().map(|(_, fitted)| form(fitted)).collect();
         let mut random = Random::new(self.options.seed, stream);
@@ -74,8 +74,7 @@ impl<'a> Deviations<'a> {
             .collect()
     }
 
-    /// First parameter of every draw, the logarithm of the modulus, standardized with the mean and standard deviation of the
-    /// fit.
+    /// Logarithm of the modulus in every draw, standardized with the mean and standard deviation of the fit.
     pub fn standard_ln_modulus(&self) -> Vec<f64> {
         self.picks
             .iter()
@@ -116,7 +115,7 @@ impl<'a> Deviations<'a> {
         }
     }
 
-    /// Adds which model each draw has, and what the models are.
+    /// Adds the number of the model of each draw, and the names of the models.
     fn add_models(&self, draws: &mut Draws) {
         let names = self.models.iter().enumerate().map(|(number, (_, fitted))| {
             let effects: Vec<&str> = fitted.layout.effects.iter().map(|effect| effect.id()).collect();
@@ -129,8 +128,8 @@ impl<'a> Deviations<'a> {
     }
 }
 
-/// Parameter of an effect in a draw, in its own unit; nothing where the model does not have the effect. `deviate` is a standard normal
-/// one of its own.
+/// Parameter of an effect in a draw, in its own unit; `None` if the model does not have the effect. `deviate` is an independent standard
+/// normal deviate.
 fn value_of(
     fitted: &Fitted,
     deviation: &DVector<f64>,
@@ -143,7 +142,7 @@ fn value_of(
     let first = fitted.layout.first_of(index) + number;
     let inside_value = fitted.values().get(first)? + deviation.get(first)?;
     let (_, [low, high]) = fitted.estimate(index, number);
-    // A depth between two readings is known no better than they are apart.
+    // The interval of a depth also includes the spacing of the readings, which the covariance of the fit does not.
     let sd = 0.5 * (high - low) / NORMAL_975;
     let own_sd = Scale::of(info).outside(fitted.values().get(first)? + fitted.sd(first))
         - Scale::of(info).outside(*fitted.values().get(first)?);
@@ -158,7 +157,7 @@ fn parameter_name(effect: &dyn Effect, parameter: &str) -> String {
     format!("{}.{parameter}", effect.id())
 }
 
-/// Moduli by their logarithms.
+/// Moduli from their logarithms.
 fn kpa(ln_pa: Vec<f64>) -> Vec<f64> {
     ln_pa.into_iter().map(|ln_pa| 1e-3 * ln_pa.exp()).collect()
 }
@@ -185,7 +184,7 @@ fn add_prior_parameters(own: &Fitted, modulus: &str, drawn_values: &[Vec<f64>], 
     }
 }
 
-/// From a normal prior within the range of the parameter.
+/// Draw from the normal prior of a parameter, truncated to its range.
 fn from_prior(parameter: &Parameter, random: &mut Random) -> f64 {
     let Some(prior) = parameter.prior else { return parameter.start };
     let mut drawn_values = (0..MAX_TRIES).map(|_| prior.mean + prior.sd * random.normal());
@@ -193,11 +192,11 @@ fn from_prior(parameter: &Parameter, random: &mut Random) -> f64 {
     drawn_value.unwrap_or_else(|| prior.mean.clamp(parameter.least, parameter.most))
 }
 
-/// A quantity that is linear in the parameters of a fit, with a part of its own.
+/// A quantity that is linear in the parameters of a fit, plus an independent normal part.
 struct Linear {
     value: f64,
     slopes: DVector<f64>,
-    /// Standard deviation of what does not depend on the parameters.
+    /// Standard deviation of the part that does not depend on the parameters.
     apart: f64,
 }
 
@@ -222,7 +221,7 @@ impl Linear {
     }
 }
 
-/// Sources of draws beside the fits.
+/// Inputs of the draws.
 pub(super) struct Sources<'a> {
     pub averaged: &'a Averaged,
     /// Models on the other foundation.
@@ -257,7 +256,7 @@ impl Sources<'_> {
             false => self.ln_modulus(fitted),
         });
         draws.scalar(Group::Posterior, "k_kpa", kpa(k));
-        // Young's modulus, and what only the models of the chosen foundation have, are given that foundation.
+        // Young's modulus and the mean modulus are conditional on the chosen foundation.
         let chosen = Deviations::new(of_choice, options);
         if is_body {
             let youngs = chosen.of(APART, |fitted| self.ln_modulus(fitted));

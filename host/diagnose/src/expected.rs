@@ -1,5 +1,5 @@
-//! Expected diagnosis of a session under a known truth: whether an effect can be distinguished from competing ones, independent
-//! of a random outcome. The noise-free predictions of the truth replace the readings. The fits of all effects to them give the
+//! Expected diagnosis of a session under a known truth: whether an effect can be distinguished from competing ones, without random
+//! noise. The noise-free predictions of the truth replace the readings. The fits of all effects to them give the
 //! expected gain of chi-square and the expected log evidence over the nearest competing effect.
 
 use super::layout::Layout;
@@ -30,16 +30,16 @@ pub struct Truth<'a> {
 /// Expected result of the diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
-    /// Gain of chi-square over the plain model, with the rig's stated tolerances in both.
+    /// Chi-square of the plain model with the rig's stated tolerances, that is, the expected gain of the true effect.
     pub gain: f64,
-    /// Log evidence over the nearest competitor, which may be the model without an effect.
+    /// Log evidence of the true effect over the nearest competitor, which may be the model without an effect.
     pub apart: f64,
     /// The nearest competing effect.
     pub competitor: Option<String>,
 }
 
-/// Expected result for a session with this layout, if this were the truth; `None` if the session has no runs that can
-/// be fitted or the effect does not exist.
+/// Expected result for a session with these runs, if this were the truth; `None` if no run can be fitted or the effect does not
+/// exist.
 pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let hidden = effect(truth.effect)?;
     let (runs, _) = runs_of(session).ok()?;
@@ -91,14 +91,14 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
         Some((*gain, candidate.id()))
     });
     let (of_hidden, of_others): (Vec<_>, Vec<_>) = gains.partition(|(_, id)| *id == truth.effect);
-    let [hidden_gain, competitor] =
+    let [own_fit, competitor] =
         [of_hidden, of_others].map(|gains| gains.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)));
-    let one_sided_gain = hidden_gain.map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
-    // No effect at all competes too.
+    let own_gain = own_fit.map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
+    // The model without an effect is a competitor too.
     let nearest = competitor.map_or(0.0, |(gain, _)| gain).max(0.0);
     Some(Expected {
         gain: misfit,
-        apart: one_sided_gain - nearest,
+        apart: own_gain - nearest,
         competitor: competitor.map(|(_, id)| id.to_owned()),
     })
 }

@@ -9,11 +9,11 @@ use super::start::Start;
 use super::weights::{ModelPrior, NO_WEIGHT, limit_refused, stated_ln_odds};
 use mechanics::effects::Effect;
 
-/// An effect tried beside a model.
+/// An effect that was tried in addition to a model.
 #[derive(Debug, Clone)]
 pub(super) struct Candidate {
     pub score: Score,
-    /// The fit with it, and its log evidence over the fit without it; `None` if it was not fitted.
+    /// The fit with it, and the log evidence of this fit over the one without it; `None` if it was not fitted.
     pub refit: Option<(Fitted, f64)>,
     /// Logarithm of the odds of the model with it over the model without it; minus infinity if it was not fitted.
     pub ln_odds: f64,
@@ -21,20 +21,20 @@ pub(super) struct Candidate {
     pub standing: Standing,
 }
 
-/// Whether a candidate can be what is missing.
+/// Whether a candidate can be the missing effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Standing {
     /// It can.
     Possible,
-    /// It is at the end of its range, too small to matter, or increases the misfit of the held-out runs.
+    /// It is at the end of its range, too small to matter, or does not reduce the misfit of the held-out runs.
     Refused,
     /// Another effect predicts the held-out runs significantly better.
     Refuted,
 }
 
 impl Standing {
-    /// Upper bound of the log odds that all candidates of this standing together have over the chosen model: 0 for refused
-    /// ones, and for refuted ones the log odds of the probability that is not stated.
+    /// Log odds over the chosen model to which all candidates of this standing together are limited: 0 for refused ones, and the log
+    /// odds of 5 % for refuted ones.
     pub fn most_ln_odds(self) -> f64 {
         match self {
             Self::Possible => f64::INFINITY,
@@ -68,7 +68,7 @@ pub(super) struct Member {
     pub index: usize,
     /// Log evidence over the model without it.
     pub gain: f64,
-    /// Logarithm of the odds that some effect is missing in its place.
+    /// Logarithm of the odds that this effect or one of its alternatives is missing.
     pub ln_odds: f64,
     /// The fit without it.
     pub without: Fitted,
@@ -79,7 +79,7 @@ pub(super) struct Member {
 }
 
 impl Member {
-    /// Keeps the effect itself in its class if the only models that refuted it cannot be stated themselves.
+    /// Adds the effect to its own class if it is not there, because it was refuted by models that did not replace it.
     pub fn keep_own(&mut self, fitted: &Fitted, prior: &ModelPrior) {
         let Some(effect) = fitted.layout.effects.get(self.index).copied() else { return };
         if self.class.iter().all(|one| one.effect.id() != effect.id()) {
@@ -95,7 +95,7 @@ impl Member {
     }
 }
 
-/// An effect in a place of the model.
+/// An effect as an explanation, with its fit.
 #[derive(Debug, Clone)]
 pub(super) struct Explanation {
     pub effect: &'static dyn Effect,
@@ -119,7 +119,7 @@ pub(super) struct Found {
     pub prior: ModelPrior,
 }
 
-/// Rounds of the last fit, and how far it may be from the one before, in standard deviations.
+/// Largest number of rounds of the last fit, and largest distance of its values from the fit before, in standard deviations.
 const LAST_ROUNDS: usize = 8;
 pub(super) const NEAR_SD: f64 = 6.0;
 
@@ -141,18 +141,18 @@ impl Found {
         });
         let (mut odds, fits): (Vec<(f64, Standing)>, Vec<&Fitted>) = in_range.unzip();
         for standing in [Standing::Refused, Standing::Refuted] {
-            let of_standing = odds.iter_mut().filter(|(_, odds_and_standing)| *odds_and_standing == standing);
+            let of_standing = odds.iter_mut().filter(|(_, own_standing)| *own_standing == standing);
             limit_refused(of_standing.map(|(ln, _)| ln), standing.most_ln_odds());
         }
         let neighbours = odds.into_iter().zip(fits).map(|((ln, _), fit)| (ln, fit));
-        // A description is as likely as what was taken, as whatever else was refused.
+        // A law that describes the misfit only in part has even odds, like all refused models.
         let described = self.described.iter().map(|fit| (0.0, fit));
         std::iter::once((0.0, &self.fitted)).chain(described).chain(neighbours).collect()
     }
 
     /// The same result with the discrepancy's patterns computed around the final model, because those of the start belong to a
-    /// model without the effects. The evidence is kept from the search, in which all hypotheses have the same patterns. Like
-    /// every step of the search, this one has to reduce the misfit of the held-out runs compared with the start.
+    /// model without the effects. The evidence is kept from the search, in which all hypotheses have the same patterns. The new
+    /// fit is used only if it is close to the old one and reduces the misfit of the held-out runs compared with the start.
     pub fn around_itself(mut self, start: &Start, judge: &Judge, multiples: &Multiples) -> Self {
         if self.members.is_empty() {
             return self;

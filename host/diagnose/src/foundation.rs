@@ -1,4 +1,4 @@
-//! Uncertainty of the modulus by the discrepancy, and an elastic body against springs, without any search for
+//! Uncertainty of the modulus including the discrepancy, and comparison of an elastic body with springs, without a search for
 //! effects.
 //!
 //! Noise, everyday discrepancy and evidence are those of a diagnosis, so that `guide identify` and `guide diagnose` agree on the same
@@ -65,7 +65,7 @@ pub struct DiscrepantModulus {
 }
 
 impl DiscrepantModulus {
-    /// As a diagnosis has it that names nothing: over the sizes of the discrepancy.
+    /// The modulus as in a diagnosis that names nothing: integrated over the sizes of the discrepancy.
     fn of(start: &Start) -> Self {
         let fitted = start.fitted.clone().over_sizes(&start.patterns);
         let rests_on = fitted.rests_on(&start.patterns).first().copied();
@@ -87,14 +87,14 @@ pub struct FoundationEvidence {
     pub varied: f64,
 }
 
-/// Log evidence over springs from which on a body is chosen.
+/// Log evidence over springs above which a body is chosen.
 pub const FOUNDATION_MARGIN: f64 = 2.0;
 /// Effects by which the modulus may vary with depth.
 pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
-/// Log evidence of a varying modulus from which on the choice between the foundations with one modulus is invalid: odds of 75
-/// for each of two forms of variation, which together have the prior probability of one modulus.
+/// Log evidence of a varying modulus from which on the choice between the foundations with one modulus is not valid. The odds are then
+/// 75: each of the two forms of variation has half of the prior probability of one modulus.
 pub const VARIED_NATS: f64 = 5.0;
-/// Rounds of its fit.
+/// Largest number of rounds of the fit of a varying modulus.
 const VARIED_ROUNDS: usize = 8;
 
 impl FoundationEvidence {
@@ -128,7 +128,7 @@ pub struct ModulusDraws {
 }
 
 impl ModulusDraws {
-    /// From a fit as intervals have it.
+    /// Draws from the posterior from which the intervals are computed.
     fn of(start: &Start, modulus: &str, options: DrawOptions) -> Result<Self, FitError> {
         let fitted = start.fitted.clone().over_sizes(&start.patterns);
         let drawn = Deviations::new(vec![(1.0, &fitted)], options);
@@ -150,7 +150,7 @@ pub struct DiscrepancyFit {
     pub body: Option<Result<FoundationEvidence, DiagnoseError>>,
     /// Parameters that have changed from their known values.
     pub moved: Vec<Moved>,
-    /// Draws on springs and, where it was fitted, in a body.
+    /// Draws on springs and, if it was fitted, in a body.
     pub draws: Option<(ModulusDraws, Option<ModulusDraws>)>,
 }
 
@@ -190,13 +190,13 @@ pub fn fit_with_discrepancy(
     Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs), body, moved, draws })
 }
 
-/// Log evidence of a modulus that varies with depth over that of one modulus, where its score is at least `needed`; else 0. A score is
-/// that of a small variation: where it promises enough, the variation is fitted.
+/// Log evidence of a modulus that varies with depth over one modulus. A variation is fitted only if its score, which is that of a small
+/// variation, is at least `needed`; without a fit the result is 0.
 pub(super) fn varied(start: &Start, needed: f64) -> Result<f64, FitError> {
     let Start { runs, patterns, fitted } = start;
     let effects: Vec<&'static dyn Effect> = VARIED.into_iter().filter_map(effect).collect();
     let scores = Scores::of(&effects, fitted, runs, patterns)?.ranked();
-    // From large sizes the fit would stay where the discrepancy explains everything.
+    // If the fit started at large sizes, the discrepancy would continue to explain everything.
     let everyday = patterns.everyday();
     let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
     let promising = scores.iter().filter(|score| score.log_evidence >= needed);

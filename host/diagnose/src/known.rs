@@ -1,5 +1,5 @@
-//! Parameters of a rig that are known from elsewhere, with their standard deviations, and the test of whether they have changed
-//! since.
+//! Known parameters of a rig with their standard deviations, for example from runs in air, and the test of whether they have
+//! changed since.
 
 use super::DiagnoseError;
 use super::characterize::Characterisation;
@@ -14,11 +14,11 @@ use serde::Serialize;
 use std::fmt::{self, Display};
 use std::sync::Arc;
 
-/// Differences of more standard deviations than this are changes: over a dozen parameters one in four hundred is none.
+/// A difference of more standard deviations than this is a change: by chance one of a dozen parameters exceeds it in one session of 180.
 const MOVED_SD: f64 = 3.5;
-/// Share of the information on a parameter that has to come from the runs before they contradict anything.
+/// Smallest fraction of a parameter's precision that comes from the runs, if they are to contradict the known value.
 const MIN_SHARE: f64 = 0.05;
-/// A parameter is held by this share of its standard deviation.
+/// A parameter is fixed by a prior with this fraction of its standard deviation.
 const HELD: f64 = 1e-3;
 
 /// A known parameter of an effect, in the unit of its name.
@@ -55,7 +55,8 @@ impl KnownParameter {
         known_parameters
     }
 
-    /// Adds the known parameters of a rig to the effects of a model. Values that were stated before are kept.
+    /// Adds the effects of a rig to those of a model, and replaces the known parameters by those of the rig. Start values of effects that
+    /// were stated before are kept.
     pub fn take(effects: &mut Vec<(&'static dyn Effect, Vec<f64>)>, known: &mut Vec<Self>, rig: &ModelFile) {
         for (effect, values) in rig.effects() {
             if effects.iter().all(|(own, _)| own.id() != effect.id()) {
@@ -65,12 +66,12 @@ impl KnownParameter {
         *known = Self::of_model(rig);
     }
 
-    /// Whether it is this one.
+    /// Whether it is this parameter of this effect.
     pub(super) fn is_of(&self, effect: &str, parameter: &str) -> bool {
         self.effect == effect && self.parameter == parameter
     }
 
-    /// The change to an independent estimate, where it is one.
+    /// The change to an independent estimate, if it is significant.
     fn moved_to(&self, now: f64, now_sd: f64) -> Option<Moved> {
         let sd = self.sd.hypot(now_sd);
         let change = now - self.value;
@@ -84,7 +85,7 @@ impl KnownParameter {
         })
     }
 
-    /// As the prior inside a fit.
+    /// The prior in the scale of the fits.
     pub(super) fn prior(&self, scale: Scale) -> Prior {
         let mean = scale.inside(self.value);
         Prior { mean, sd: (scale.inside(self.value + self.sd) - mean).abs() }
@@ -123,13 +124,13 @@ impl Display for Moved {
 pub fn moved_since(known: &[KnownParameter], found: &Characterisation) -> Vec<Moved> {
     let moved = known.iter().filter_map(|known| {
         let now = found.parameters.iter().find(|one| known.is_of(one.effect, one.parameter))?;
-        // A parameter that the runs do not show keeps the prior's value.
+        // The estimate of a parameter that the runs do not identify is that of its prior.
         if now.is_identified() { known.moved_to(now.value, now.sd) } else { None }
     });
     sorted(moved.collect())
 }
 
-/// A start without what the runs contradict.
+/// A start without the known values that the runs contradict.
 pub(super) struct Released {
     /// The fit.
     pub start: Start,
@@ -139,15 +140,15 @@ pub(super) struct Released {
     pub moved: Vec<Moved>,
 }
 
-/// A start with everything that was known, held at its values: free within what is left of their intervals, parameters that have not
-/// changed would take on what the changed one does.
+/// A start with all known parameters fixed at their values. If they were free within their intervals, parameters that have not changed
+/// would absorb the effect of the changed one.
 pub(super) struct AsKnown {
     start: Start,
     known: Arc<[KnownParameter]>,
 }
 
 impl AsKnown {
-    /// The same on the foundation of another start. The fixed parameters explain none of its misfit.
+    /// The same on the foundation of another start, without the sensitivities to the fixed parameters, which must not explain any misfit.
     pub fn beside(self, other: &Start) -> Result<Start, FitError> {
         let support = other.fitted.layout.support;
         let is_there = self.start.fitted.layout.support == support;
@@ -165,7 +166,8 @@ impl AsKnown {
     }
 }
 
-/// Fits, and where the runs contradict what is known, fits again without that.
+/// Fits the start. If the runs contradict known values, it is fitted again with all known parameters fixed, and without the contradicted
+/// values.
 pub(super) fn released(
     layout: &mut Layout,
     fit: impl Fn(&Layout) -> Result<Start, DiagnoseError>,
@@ -175,9 +177,9 @@ pub(super) fn released(
     if contradicted.is_empty() {
         return Ok(Released { start, as_known: None, moved: Vec::new() });
     }
-    let released_known =
+    let held_parameters =
         layout.known.iter().map(|one| KnownParameter { sd: HELD * one.sd, ..one.clone() }).collect();
-    let held_layout = Layout { known: released_known, ..layout.clone() };
+    let held_layout = Layout { known: held_parameters, ..layout.clone() };
     let as_known = AsKnown { start: fit(&held_layout)?, known: held_layout.known };
     layout.known = without(&layout.known, &contradicted);
     let start = fit(layout)?;
@@ -185,7 +187,7 @@ pub(super) fn released(
     Ok(Released { start, as_known: Some(as_known), moved })
 }
 
-/// Known parameters that the runs contradict: their own estimate, the prior taken off, is too far from it.
+/// Known parameters that the runs contradict: the estimate by the runs alone, without the prior, is too far from the known value.
 fn contradicted(fitted: &Fitted) -> Vec<KnownParameter> {
     let contradicted = fitted.layout.known.iter().filter(|known| {
         let Some((parameter_index, scale)) = place(known, fitted) else { return false };
@@ -195,7 +197,7 @@ fn contradicted(fitted: &Fitted) -> Vec<KnownParameter> {
             fitted.sd(parameter_index).powi(-2),
         );
         let data_precision = precision - sd.powi(-2);
-        // The runs have no information of their own if the prior is all there is.
+        // If nearly all of the precision is that of the prior, the runs have no information of their own.
         data_precision > MIN_SHARE * precision && {
             let estimate = (value * precision - mean * sd.powi(-2)) / data_precision;
             (estimate - mean).abs() > MOVED_SD * sd.hypot(data_precision.sqrt().recip())
@@ -204,7 +206,7 @@ fn contradicted(fitted: &Fitted) -> Vec<KnownParameter> {
     contradicted.cloned().collect()
 }
 
-/// Knowledge without some parameters.
+/// The known parameters without some of them.
 fn without(known: &[KnownParameter], less: &[KnownParameter]) -> Arc<[KnownParameter]> {
     known.iter().filter(|one| !less.contains(one)).cloned().collect()
 }

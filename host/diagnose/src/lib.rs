@@ -1,22 +1,22 @@
-//! The discrepancy workflow: regions in which model and measurement disagree, the missing effect, and the improvement by adding
-//! it.
+//! The workflow of a diagnosis: regions in which model and measurement disagree, the missing effect, and the reduction of the misfit
+//! by adding it.
 //!
 //! | step | file |
 //! |---|---|
-//! | runs as values with coordinates, and the trajectory of guide 2 | `data`, `cells`, `course` |
+//! | measured values with their coordinates, and the trajectory of guide 2 | `data`, `cells`, `course` |
 //! | split into training and held-out data | `split` |
-//! | noise, and residuals made independent | `noise`, `whiten` |
+//! | noise, and whitening of the residuals | `noise`, `whiten` |
 //! | the unknown parameters | `layout` |
 //! | the starting model, fitted | `start` |
-//! | discrepancy of real rigs from any model | `discrepancy` |
+//! | basis functions of the discrepancy between real rigs and any model | `discrepancy` |
 //! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
 //! | adequacy, and regions of disagreement | `adequacy` |
 //! | springs or an elastic body | `choice` |
-//! | score every effect, margin by bootstrap | `score` |
-//! | the same for statistics over many sessions | `linearise` |
+//! | scores of all effects, without a fit | `score` |
+//! | linearised likelihood, for statistics over many sessions | `linearise` |
 //! | stated positions of the rig that the runs exclude | `stated` |
 //! | the rig alone, from runs in air; parameters that have changed since | `characterize`, `known` |
-//! | refit, accept, add, repeat; competing effects | `search` |
+//! | search: fits of the best effects, additions and exchanges; competing effects | `search` |
 //! | probabilities of models, and the probability of a statement | `weights` |
 //! | the result of the search, with alternatives | `found` |
 //! | laws that no effect of the catalogue describes | `discover` |
@@ -29,11 +29,11 @@
 //! | expected information of planned runs | `prospects` |
 //! | sensitivity of a session before its diagnosis | `check` |
 //! | effect of the tissue's walls on E | `walls` |
-//! | effects switched on and off by a person | `workbench` |
+//! | effects that a user switches on and off | `workbench` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan
-//! statistics, optimal discriminating designs. The crate adds the loop over them, with named effects, abstention, and a test on
-//! held-out runs.
+//! statistics, optimal discriminating designs. The crate combines them in a search for named effects, which names nothing if the
+//! evidence is not sufficient, and tests every effect on held-out runs.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -149,7 +149,7 @@ pub struct Options {
     pub discovery: bool,
     /// Effects that the search excludes, as if they were not in the catalogue.
     pub left_out: Vec<&'static str>,
-    /// Draws from the posterior beside the result.
+    /// Settings of draws from the posterior; `None` for no draws.
     pub draws: Option<DrawOptions>,
     /// Runs that could be made next; the result has the expected information of each.
     pub plans: Vec<LateralPlan>,
@@ -179,8 +179,8 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Adds the characterized rig (`guide characterize`): its effects with their intervals. Values that were stated before are
-    /// kept.
+    /// Adds the characterized rig (`guide characterize`): its effects, and their intervals as priors. Start values that were stated
+    /// before are kept.
     #[must_use]
     pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
         if let Some(rig) = rig {
@@ -208,7 +208,7 @@ pub enum DiagnoseError {
     /// The model cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The starting model does not fit in any way.
+    /// The starting model cannot be fitted.
     #[error("the model cannot be fitted: {0}")]
     Fit(#[from] FitError),
 }
@@ -251,7 +251,7 @@ pub struct DataSplit {
     pub rule: String,
 }
 
-/// Division of a session by [`diagnose`] into training and held-out runs; there is no fit.
+/// Division of a session into training and held-out runs as in [`diagnose`], without a fit.
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used.
@@ -262,12 +262,12 @@ pub fn data_split(session: &Session) -> Result<DataSplit, DiagnoseError> {
     Ok(DataSplit { used: used_ids, skipped, held_out: held_out.ids(), rule })
 }
 
-/// All runs in tissue that can be used, and why others cannot.
+/// All runs in tissue that can be used, and warnings about the others.
 fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> {
     runs_in(session, false)
 }
 
-/// All runs in air, or in tissue, that can be used, and why others cannot.
+/// All runs in air, or in tissue, that can be used, and warnings about the others.
 fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> {
     if session.lateral.is_empty() && session.insertion.is_empty() {
         return Err(DiagnoseError::NoRuns { path: session.dir.join("session.toml") });
@@ -296,10 +296,10 @@ fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), Diag
     if runs.is_empty() { Err(DiagnoseError::AllFailed { reasons: warnings }) } else { Ok((runs, warnings)) }
 }
 
-/// Why a run in air is not used where the tissue is identified.
+/// Reason for which a run in air is not used for the identification of the tissue.
 pub const IN_AIR: &str = "in air (depth_mm = 0), where there is no tissue; `guide characterize` uses it";
 
-/// Lets all insertions use the same solutions.
+/// Gives all insertions common nodes, so that they share solutions of the forward model.
 fn share_nodes(runs: &mut [Run]) {
     Insertion::share_nodes(runs.iter_mut().filter_map(|run| match &mut run.experiment {
         Experiment::Insertion(done) => Some(done),
@@ -307,7 +307,7 @@ fn share_nodes(runs: &mut [Run]) {
     }));
 }
 
-/// The model from which a session on springs is searched, and the judge of what is found.
+/// The starting model of a session on springs, and the judge of models on its held-out data.
 #[cfg(test)]
 fn start_of(session: &Session) -> (Start, split::Judge) {
     let (runs, _) = runs_of(session).expect("runs");

@@ -1,7 +1,7 @@
-//! A session's log likelihood in every effect, to second order around its model without effects; statistics over many sessions
-//! add these up (theory, eq. 63).
+//! Log likelihood of a session as a function of every effect, to second order around the model without effects. Statistics over many
+//! sessions add these up (theory, eq. 63 and 73).
 //!
-//! With `t` the parameters of effects inside the fits, counted from their neutral values, the session's likelihood is
+//! With `t` the parameters of effects in the scale of the fits, relative to their neutral values, the session's likelihood is
 //! `ln p(data | t) - ln p(data | 0) = b^T t - t^T G t / 2`: the metric includes noise and discrepancy, and the modulus and the
 //! other parameters of the model are eliminated. `b` and `G` of independent sessions add up. The fitted logarithm of the
 //! modulus changes by `m^T t`.
@@ -12,7 +12,8 @@ use super::score::{Amplitude, Scores};
 use super::{DiagnoseError, Start};
 use mechanics::effects::Effect;
 
-/// Information, in units of the prior, below which an amplitude is not kept: over a hundred sessions it is not identifiable either.
+/// Smallest information of an amplitude that is kept, in units of its prior precision: with less it is not identifiable from a hundred
+/// sessions either.
 const MIN_INFORMATION: f64 = 0.01;
 /// Correlations are kept as thousandths.
 const PER_MILLE: f64 = 1000.0;
@@ -41,7 +42,7 @@ pub struct EffectAmplitude {
     pub prior_sd: f64,
     /// Derivative of the log likelihood at the neutral value: `b`.
     pub score: f64,
-    /// Information, the modulus and the other parameters of the model eliminated: the diagonal of `G`.
+    /// Information, with the modulus and the other parameters of the model eliminated: the diagonal of `G`.
     pub information: f64,
     /// Change of the fitted logarithm of the modulus per unit: `m`.
     pub ln_modulus_slope: f64,
@@ -164,17 +165,17 @@ mod tests {
         let amplitude = gain(&biased);
         let (value, sd) = (amplitude.score / amplitude.information, amplitude.information.sqrt().recip());
         assert!((value - 1.03f64.ln()).abs() < 3.0 * sd, "{value} +- {sd}");
-        // The bending stiffness alone is known to 3 %, and scales forces alike.
+        // The bending stiffness, which scales the forces likewise, is known to 3 %.
         assert!(sd < 0.035, "sd {sd}");
-        // The same noise: what the gain does to the fitted modulus is what the slope predicts.
+        // Both sessions have the same noise: the gain changes the fitted modulus as the slope predicts.
         let moved = biased.ln_modulus_pa.0 - plain.ln_modulus_pa.0;
         let expected = amplitude.ln_modulus_slope * 1.03f64.ln();
         assert!((moved - expected).abs() < 0.3 * expected.abs(), "moved {moved}, expected {expected}");
         let count = biased.amplitudes.len();
         assert_eq!(biased.correlation_per_mille.len(), count * (count - 1) / 2);
     }
-    /// Readings of the displacement are not where guide 2 is: followed as they are, white noise of 0.05 mm gave a delay of
-    /// 11 ms, and ten sessions together were 14 standard deviations off none.
+    /// The readings of the displacement have errors. If the model followed them exactly, white noise of 0.05 mm would cause an apparent
+    /// delay of 11 ms, in ten sessions together 14 standard deviations from zero.
     #[test]
     fn noise_of_the_displacement_is_no_delay() {
         let (mut score, mut information) = (0.0, 0.0);

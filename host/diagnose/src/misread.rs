@@ -3,16 +3,16 @@
 use nalgebra::{DMatrix, DVector};
 use readings::outliers::farthest;
 
-/// Fraction of the distances between neighbouring values that are shorter than the step: values that were joined from
-/// several images.
+/// Fraction of the distances between neighbouring values that may be shorter than the step, because values were joined from several
+/// images.
 const SHORTER: f64 = 0.05;
 /// Values closer than this are the same.
 const SAME_M: f64 = 1e-9;
-/// Steps of the golden ratio fill an interval evenly however many they are.
+/// Golden ratio: the fractional parts of its multiples fill an interval evenly, whatever their number.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// Points of a sweep that are not misread: off a smooth curve by many times the usual distance, of values that are
-/// rounded to a step.
+/// Whether each point of a sweep is kept. An outlier is off a smooth curve by many times the median distance; the values are rounded to
+/// `step_m`.
 pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec<bool> {
     let mut is_kept = vec![true; z_m.len()];
     let degree = (z_m.len() / 4).min(4);
@@ -22,15 +22,15 @@ pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec
             return is_kept;
         }
         let curve = polynomials(z_m, degree);
-        let known_columns = DMatrix::from_fn(indices.len(), degree + 1, |i, j| curve[(indices[i], j)]);
+        let design = DMatrix::from_fn(indices.len(), degree + 1, |i, j| curve[(indices[i], j)]);
         let measured = DVector::from_fn(indices.len(), |i, _| values_m[indices[i]]);
-        let Ok(coefficients) = known_columns.svd(true, true).solve(&measured, 1e-12) else { return is_kept };
+        let Ok(coefficients) = design.svd(true, true).solve(&measured, 1e-12) else { return is_kept };
         let deviations: Vec<f64> = (&curve * coefficients).iter().zip(values_m).map(|(c, v)| v - c).collect();
-        // If most values are rounded to the same, half of them are next to the curve whatever the noise is: their
-        // median shows it once they are spread over what they are rounded from.
+        // If most values are rounded to the same number, the median deviation is nearly zero whatever the noise is. Therefore the
+        // deviations are spread over the rounding step before the median is taken.
         let spread = indices.iter().map(|i| deviations[*i] + step_m * ((*i as f64 * GOLDEN).fract() - 0.5));
         let farthest_m = farthest(spread).max(1e-6);
-        let next: Vec<bool> = deviations.iter().map(|deviations| deviations.abs() <= farthest_m).collect();
+        let next: Vec<bool> = deviations.iter().map(|deviation| deviation.abs() <= farthest_m).collect();
         if next == is_kept {
             break;
         }
@@ -39,7 +39,7 @@ pub(super) fn without_misread(z_m: &[f64], values_m: &[f64], step_m: f64) -> Vec
     is_kept
 }
 
-/// The step to which values are rounded; that of the values themselves where they are not, and 0 where all are the same.
+/// The step to which values are rounded; if they are not rounded, a small distance of neighbouring values, and 0 if all are equal.
 pub(super) fn step_m(values_m: &[f64]) -> f64 {
     let mut distinct_m: Vec<f64> = values_m.iter().copied().filter(|value| value.is_finite()).collect();
     distinct_m.sort_by(f64::total_cmp);
@@ -48,13 +48,13 @@ pub(super) fn step_m(values_m: &[f64]) -> f64 {
         distinct_m.iter().zip(distinct_m.iter().skip(1)).map(|(a, b)| b - a).collect();
     spacings_m.sort_by(f64::total_cmp);
     let Some(first_m) = spacings_m.get((SHORTER * spacings_m.len() as f64) as usize) else { return 0.0 };
-    // Printed values are rounded themselves: over many steps that matters less.
+    // Printed values are rounded themselves; distances over many steps give the step more accurately.
     let lowest_m = distinct_m.first().copied().unwrap_or_default();
     let from_lowest = distinct_m.iter().map(|value| value - lowest_m).filter(|m| *m > 0.0);
     from_lowest.fold(*first_m, |step_m, m| m / (m / step_m).round().max(1.0))
 }
 
-/// Powers of the place scaled to -1..1, up to a degree.
+/// Powers of the position, scaled to -1..1, up to a degree.
 pub(super) fn polynomials(at: &[f64], degree: usize) -> DMatrix<f64> {
     let (low, high) = at.iter().fold((f64::MAX, f64::MIN), |(l, h), z| (l.min(*z), h.max(*z)));
     let half = (0.5 * (high - low)).max(f64::MIN_POSITIVE);
@@ -94,7 +94,7 @@ mod tests {
         let (mut kept_count, mut outlier_count) = (0, 0);
         for seed in 0..100 {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
-            // Most are in the pixel of the needle.
+            // Most points are in the pixel of the needle.
             let noise_m = [8e-6, 14e-6, 20e-6, 30e-6][seed as usize % 4];
             let mut values_m: Vec<f64> = (0..z_m.len())
                 .map(|_| ((12e-6 + noise_m * normal(&mut random)) / 51e-6).round() * 51e-6)

@@ -1,4 +1,4 @@
-//! Sessions of insertions alone in which guide 2 is moved and the needle turned: what the rig and the needle hide in them.
+//! Effects of rig and needle in sessions of insertions alone, in which guide 2 is moved or the needle is turned.
 
 use super::*;
 use worlds::{Design, Truth, session};
@@ -18,7 +18,7 @@ fn assert_in_class(id: &'static str, values: &[f64], seed: u64) {
         let infos = mechanics::effects::effect(id).expect("an effect").parameters();
         for (info, value) in infos.iter().zip(values) {
             let Estimate { ci95: [low, high], .. } = named.parameters[info.name];
-            // Twice as wide as the interval: nearly all truths lie in it.
+            // Nearly all true values lie in a range that is twice as wide as the interval.
             let half = 0.5 * (high - low);
             assert!((low - half..=high + half).contains(value), "{id} {}: {low} to {high}", info.name);
         }
@@ -52,7 +52,7 @@ fn readings_of_insertions_are_a_millimetre_apart() {
     assert_eq!([-0.01, 0.2].map(|depth_m| layout.spacing_m(depth_m)), [None; 2]);
 }
 
-/// Through one guide that rests, with a rear of which nothing is known, no modulus is identifiable; where it moves, it is.
+/// With one guide at rest and an unknown rear no modulus is identifiable; if the guide moves, it is.
 #[test]
 fn a_guide_that_rests_is_a_limit() {
     let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: Vec::new(), foreign: None };
@@ -63,7 +63,7 @@ fn a_guide_that_rests_is_a_limit() {
         session.rig.guide2_m = 0.0;
         let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
         let diagnosis = diagnose(&session, &options, |_| {}).expect("a diagnosis");
-        // Neither the file nor the text has a modulus that nothing identifies.
+        // Neither the file nor the text has a modulus that is not identified.
         let is_identified = diagnosis.k_status == ModulusStatus::Identified;
         let model = diagnosis.model();
         assert_eq!(

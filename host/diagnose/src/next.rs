@@ -1,6 +1,6 @@
-//! The next measurement: the one in a menu that separates the members of a class best (theory, eq. 69).
+//! Choice of the next measurement: the one of a list that separates the members of a class best (theory, eq. 69).
 //!
-//! The expected divergence of a measurement and a pair of members is the squared difference of their predictions in units of
+//! For a measurement and a pair of members the expected divergence is the squared difference of the two predictions in units of
 //! the noise, less the part that the second member's parameters can absorb within their posterior. The best measurement
 //! maximizes the smallest divergence over all pairs.
 
@@ -18,41 +18,40 @@ use mechanics::{
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::FRAC_PI_2;
 
-/// Samples of a planned run.
+/// Sampling rate of a planned run.
 const RATE_HZ: f64 = 10.0;
-/// Distance of shape points.
+/// Spacing of shape points and of the depths of an insertion.
 const SPACING_M: f64 = 1e-3;
-/// Depth by which another run is deeper or shallower, and least depth of one.
+/// Difference in depth of a further run, and its smallest depth.
 const OTHER_M: f64 = 10e-3;
 const MIN_M: f64 = 8e-3;
 /// Known force that is hung on the sensor.
 const WEIGHT_N: f64 = 1.0;
 /// Known distance along the beam.
 const DISTANCE_M: f64 = 20e-3;
-/// A divergence below this separates nothing.
+/// A measurement with a smaller divergence does not separate the members.
 const MIN_DIVERGENCE: f64 = 4.0;
-/// Divergences that differ by less than this share are the same: those of the two axes of a round needle differ by rounding.
+/// Divergences whose relative difference is below this are equal: those of the two axes of a round needle differ only by rounding.
 const SAME: f64 = 1e-3;
 
-/// Possible measurement.
+/// A possible measurement.
 enum Planned {
     /// A run.
     Run(Experiment),
     /// A known weight on the force sensor, no needle.
     Weight,
-    /// Two wires at a known distance along the beam, imaged like this.
+    /// Image of two wires at a known distance along the beam.
     Distance(ShapeImage),
 }
 
-/// An entry of the menu.
+/// An entry of the list of measurements.
 struct Item {
     kind: &'static str,
     what: String,
     planned: Planned,
 }
 
-/// The best measurement to separate the members of a class; of several that do it equally well the first of the menu, nothing where none
-/// does.
+/// The best measurement to separate the members of a class, of equal ones the first in the list; `None` if no measurement separates them.
 pub(super) fn next_measurement(
     class: &[Explanation],
     runs: &[Run],
@@ -64,7 +63,7 @@ pub(super) fn next_measurement(
         let mut least = f64::INFINITY;
         for (i, Explanation { fitted: a, .. }) in class.iter().enumerate() {
             for Explanation { fitted: b, .. } in class.iter().skip(i + 1) {
-                // An effect that makes the planned run impossible is no ground to plan it.
+                // A model that cannot predict the planned run gives no reason to plan it: its divergence is 0.
                 let divergences =
                     [divergence(a, b, &item.planned, noise), divergence(b, a, &item.planned, noise)];
                 least = divergences.into_iter().fold(least, |least, d| least.min(d.unwrap_or(0.0)));
@@ -86,7 +85,7 @@ pub(super) fn next_measurement(
     })
 }
 
-/// Expected gain of chi-square of `a` over `b` where `a` is true and `b` adapts.
+/// Expected chi-square of `b` after its parameters have adapted, if `a` is true.
 fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Result<f64, ModelError> {
     let expected = readings(&b.layout, b.values(), planned, noise)?;
     let difference = readings(&a.layout, a.values(), planned, noise)? - &expected;
@@ -106,7 +105,7 @@ fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Resul
     Ok(difference.norm_squared() - projection.dot(&normal.solve(&projection)))
 }
 
-/// Expected readings of a measurement under a model, in standard deviations.
+/// Expected readings of a measurement under a model, in standard deviations of the noise.
 fn readings(
     layout: &Layout,
     values: &[f64],
@@ -123,7 +122,7 @@ fn readings(
                 commanded_m: [&[0.0], &[0.0]],
                 ..ObservationContext::default()
             };
-            // Weights are hung on the sensor: friction and drift of the guide have no part in it.
+            // The weight hangs on the sensor, without a needle: friction of the guide and drift have no effect.
             model.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
             let sd = noise.force.of_mean(60, 3.0).sqrt();
             let Series { y, x } = channels.force_n;
@@ -134,7 +133,7 @@ fn readings(
         }
         Planned::Distance(image) => {
             let model = layout.model(values, Kind::Lateral)?;
-            // Both wires have the same offset: one at the origin takes it off.
+            // The first wire is at the origin: an offset, which both wires share, cancels in their distance.
             let [y, x] = image.along().map(|along| vec![0.0, DISTANCE_M * along]);
             let shape_m = Series { y, x: Some(x) };
             let mut channels = Channels { shape_m, ..Channels::default() };
@@ -150,7 +149,7 @@ fn readings(
     };
     let kind = if matches!(experiment, Experiment::Insertion(_)) { Kind::Insertion } else { Kind::Lateral };
     let Channels { force_n, shape_m, tip_m, .. } = predict(&layout.model(values, kind)?, experiment)?;
-    // Correlated noise of neighbouring samples: each counts for less.
+    // Correlated noise is included as white noise of the variance that has the same effect on a mean over many samples.
     let force_sd =
         (noise.force.sd().powi(2) + noise.force.correlated * 2.0 * noise.force.memory * RATE_HZ).sqrt();
     let shape_sd =
@@ -163,8 +162,8 @@ fn readings(
     Ok(DVector::from_vec(channel_readings.collect()))
 }
 
-/// Possible measurements with the rig of a session: runs that are imaged as before, then with the probe otherwise, then
-/// without the needle.
+/// Possible measurements with the rig of a session: runs imaged as before, runs with the probe changed, measurements without the
+/// needle, and insertions.
 fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
     let (lateral, insertions): (Vec<&Run>, Vec<&Run>) =
         runs.iter().partition(|run| run.kind == Kind::Lateral);
@@ -305,7 +304,7 @@ fn insertion_items(insertions: &[&Run]) -> [Item; 3] {
     ]
 }
 
-/// A planned insertion, turned by half a turn at a depth.
+/// A planned insertion; the needle is turned by half a turn at the depth `turn_m`, if there is one.
 fn insertion(depth_m: f64, speed_m_per_s: f64, turn_m: Option<f64>) -> Planned {
     let knots = turn_m.map(|m| vec![[m, 0.0], [m, std::f64::consts::PI]]).unwrap_or_default();
     Planned::Run(Experiment::Insertion(Insertion {
@@ -323,7 +322,7 @@ struct Staircase<'a> {
     depth_m: f64,
     axis: usize,
     level_m: f64,
-    /// Levels as shares of the largest.
+    /// Levels as fractions of the largest.
     levels: &'a [f64],
     hold_s: f64,
     speed_m_per_s: f64,
@@ -332,7 +331,7 @@ struct Staircase<'a> {
 }
 
 impl Staircase<'_> {
-    /// Guide 2 at a position along the axis.
+    /// Drive sample with guide 2 at a position along the axis.
     fn sample(&self, time_s: f64, position_m: f64) -> DriveSample {
         let [y_m, x_m] = if self.axis == 0 { [position_m, 0.0] } else { [0.0, position_m] };
         DriveSample { time_s, y_m, x_m }

@@ -1,11 +1,11 @@
-//! Estimates variance and autocorrelation of the noise from the scatter of the readings about smooth curves (theory, eq. 58).
+//! Variance and autocorrelation of the noise, estimated from the scatter of the readings about smooth curves (theory, eq. 58).
 //!
 //! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a
 //! part that decays exponentially. Restricted likelihood (REML) estimates both parts, so that the polynomials cause no bias. A
-//! deviation that is the same in every sweep of the same positions is no noise, and is subtracted first. The estimate is never
-//! below the stated noise, because errors of rounding and calibration do not scatter. The stated noise is that of single
-//! readings, while the estimate is that of cells, in which the readings of a fast sensor are averaged; therefore the stated
-//! noise is compared with the scatter of cells and that within them together.
+//! deviation that is the same in every sweep of the same positions is misfit, not noise, and is subtracted first. The result is
+//! never below the stated noise, because errors of rounding and calibration do not scatter. The stated noise is that of single
+//! readings, while the estimate is that of cells, which are means of readings; therefore the stated variance is compared with the
+//! sum of the variances of the cells and within them.
 
 use super::cells::Scatter;
 use super::data::{Channel, Kind, Run, Source};
@@ -32,7 +32,7 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// Covariance of two different readings at this distance.
+    /// Covariance of the correlated noise of two readings at this distance.
     pub fn covariance(&self, apart: f64) -> f64 {
         if self.correlated > 0.0 { self.correlated * (-apart.abs() / self.memory).exp() } else { 0.0 }
     }
@@ -66,7 +66,7 @@ pub(super) struct Noise {
     pub direction: Sensor,
 }
 
-/// Least noise that is assumed.
+/// Smallest noise that is assumed.
 const MIN_NOISE: Noise = {
     const fn white(sd: f64) -> Sensor {
         Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0, within_cells: 0.0 }
@@ -79,22 +79,24 @@ const MIN_NOISE: Noise = {
         direction: white(DIRECTION_NOISE.least()),
     }
 };
-/// Readings of a segment and groups of like segments that are used.
+/// Largest numbers of readings of a segment, and of groups of segments, that are used.
 const MAX_READINGS: usize = 40;
 const MAX_GROUPS: usize = 12;
-/// Memories, in distances of readings, and shares of the correlated part that are tried.
+/// Grid of memories, in distances of readings, and of correlated fractions of the variance.
 const MEMORIES: [f64; 7] = [0.7, 1.0, 1.5, 2.2, 3.5, 5.5, 9.0];
 const SHARES: [f64; 9] = [0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 0.95];
 /// A hold has settled after this time.
 const SETTLED_S: f64 = 0.5;
 /// Degree of the smooth curves of sweeps and paths.
 const LINE_DEGREE: usize = 4;
-/// Sweeps of the same places that show what repeats; places closer than this are the same.
+/// Smallest number of sweeps at the same positions from which the repeating deviation is estimated, and distance below which positions are the
+/// same.
 const REPEATS: usize = 3;
 const SAME_PLACE_M: f64 = 0.05e-3;
-/// Readings needed before scatter gives the noise.
+/// Smallest number of readings from which the noise is estimated.
 const ENOUGH: usize = 60;
-/// A stated deviation so many times the scatter is not scatter.
+/// If stated standard deviation and scatter differ by more than this factor, a warning is given; a larger statement then is an error that
+/// does not scatter.
 const NOT_SCATTER: f64 = 1.5;
 
 /// Readings along a line.
@@ -106,7 +108,7 @@ struct Segment {
 }
 
 impl Noise {
-    /// Noise of the runs of a session: the larger of the estimated and the stated noise.
+    /// Noise of the runs of a session: the larger of estimated and stated noise.
     pub fn of(runs: &[Run], stated: &Stated) -> Self {
         Self::with_disagreements(runs, stated).0
     }
@@ -120,7 +122,7 @@ impl Noise {
             force_cells = force_cells.with(run.cells.force_scatter);
             displacement_cells = displacement_cells.with(run.cells.displacement_scatter);
         }
-        // Points at one place are one datum, their mean; what is stated is that of a point.
+        // A datum is the mean of the points at one place; the stated noise is that of a single point.
         let points = points_of_a_datum(runs).sqrt();
         let noise = Self {
             force: combined_in_cells(force, stated.force_n, FORCE_NOISE.mean(), MIN_NOISE.force, force_cells),
@@ -182,7 +184,7 @@ fn points_of_a_datum(runs: &[Run]) -> f64 {
     points.max(1) as f64 / count.max(1) as f64
 }
 
-/// Names of the sensors, their units and how many of them SI has.
+/// Names of the sensors, their units, and the factors from SI to these units.
 const SENSORS: [(&str, &str, f64); 5] = [
     ("the force", "N", 1.0),
     ("the displacement of guide 2", "mm", 1e3),
@@ -191,7 +193,7 @@ const SENSORS: [(&str, &str, f64); 5] = [
     ("the tip's direction", "mrad", 1e3),
 ];
 
-/// White and correlated part of each sensor's scatter, in the order of [`SENSORS`]; nothing where there is too little to estimate it from.
+/// White and correlated part of each sensor's scatter, in the order of [`SENSORS`]; `None` if there are too few readings.
 fn scatter(runs: &[Run]) -> [Option<Sensor>; 5] {
     let force = holds(runs, |run, plane, i| run.cells.force_n[plane][i]);
     let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
@@ -204,8 +206,8 @@ fn scatter(runs: &[Run]) -> [Option<Sensor>; 5] {
     [estimate(&force, 2), estimate(&displacement, 1), shape, tip, direction]
 }
 
-/// Takes off what segments of the same channel at the same places have in common beside a low polynomial. The rest is scaled to the
-/// scatter that it stands for.
+/// Subtracts a low polynomial and the mean deviation of segments of the same channel at the same positions, and corrects the scale of the
+/// remainder for the subtracted mean.
 fn without_repeats(mut segments: Vec<Segment>, degree: usize) -> Vec<Segment> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (number, segment) in segments.iter().enumerate() {
@@ -241,7 +243,7 @@ fn combined(found: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sen
     combined_in_cells(found, stated, typical, least, Scatter::default())
 }
 
-/// The same of cells in which readings are averaged; what is stated or typical is of single readings.
+/// The same for cells, in which readings are averaged; stated and typical values are those of single readings.
 fn combined_in_cells(
     found: Option<Sensor>,
     stated: Option<f64>,
@@ -294,7 +296,7 @@ fn holds(runs: &[Run], of: impl Fn(&Run, usize, usize) -> f64) -> Vec<Segment> {
                     let usable = settled.iter().filter(|i| of(run, plane, **i).is_finite());
                     let (times, values): (Vec<f64>, Vec<f64>) =
                         usable.map(|i| (cells.time_s[*i], of(run, plane, *i))).unzip();
-                    // A column that is not there is all zeros.
+                    // A missing column is all zeros.
                     if values.iter().any(|v| *v != 0.0) {
                         segments.push(Segment { channel: None, at: times, values });
                     }
@@ -313,23 +315,23 @@ fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
         for channel in channels {
             for part in (0..run.parts()).filter(|part| !run.turns_in(*part)) {
                 let data = run.data.iter().filter(|d| d.channel == channel && d.part == part);
-                let (times, values): (Vec<f64>, Vec<f64>) =
+                let (depths_m, values): (Vec<f64>, Vec<f64>) =
                     data.take(MAX_READINGS).map(|d| (d.place.depth_m, d.measured)).unzip();
-                segments.push(Segment { channel: Some(channel), at: times, values });
+                segments.push(Segment { channel: Some(channel), at: depths_m, values });
             }
         }
     }
     segments
 }
 
-/// White and correlated part by restricted likelihood on a grid; nothing where there are too few readings.
+/// White and correlated part by restricted likelihood on a grid; `None` if there are too few readings.
 fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
     let long: Vec<&Segment> = segments.iter().filter(|s| s.at.len() >= degree + 4).collect();
     if long.iter().map(|s| s.at.len()).sum::<usize>() < ENOUGH {
         return None;
     }
     let spacing = long.iter().map(|s| s.spacing()).sum::<f64>() / long.len() as f64;
-    // Segments with the same places share what is expensive.
+    // Segments with the same spacing of readings share the factorisation of the covariance.
     let mut groups: Vec<(&Segment, DMatrix<f64>)> = Vec::new();
     for segment in long {
         let column = DVector::from_column_slice(&segment.values);
@@ -343,7 +345,7 @@ fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
             None => groups.push((segment, DMatrix::from_columns(&[column]))),
         }
     }
-    // Many lengths are many groups; the largest of them suffice.
+    // Segments of many lengths form many groups; the largest groups suffice.
     groups.sort_by_key(|(_, values)| std::cmp::Reverse(values.len()));
     groups.truncate(MAX_GROUPS);
     let mut best: Option<(f64, Sensor)> = None;
@@ -371,7 +373,7 @@ impl Segment {
         first.zip(last).map_or(0.0, |(a, b)| (b - a) / (self.at.len() - 1) as f64)
     }
 
-    /// Whether another one has its readings at the same distances.
+    /// Whether another segment has its readings at the same distances.
     fn is_like(&self, other: &Self, spacing: f64) -> bool {
         let mut pairs = self.at.iter().zip(&other.at);
         self.at.len() == other.at.len()

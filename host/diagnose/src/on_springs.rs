@@ -1,7 +1,7 @@
-//! K of springs for a tissue that is modelled as an elastic body, which has no K of its own.
+//! Modulus K of springs for a tissue that is modelled as an elastic body, which has no K.
 //!
-//! It is that of the springs that explain the runs best together with the same effects: without these, springs would absorb an
-//! effect, such as a delay of the readings, as another stiffness.
+//! K is that of springs fitted with the same effects: without these, springs would absorb an effect, such as a delay of the
+//! readings, as a different stiffness.
 
 use super::averaged::Averaged;
 use super::choice::Beside;
@@ -11,7 +11,7 @@ use mechanics::Support;
 use rayon::prelude::*;
 use readings::FitError;
 
-/// Fits on springs beside the effects of every model of a body that is in question.
+/// Fits on springs with the effects of every plausible model of a body.
 pub(super) struct OnSprings {
     plain: Fitted,
     with_effects: Vec<Fitted>,
@@ -21,7 +21,7 @@ impl OnSprings {
     /// K for all models of a body, fitted to the runs of a start.
     ///
     /// # Errors
-    /// Where springs without effects do not fit them.
+    /// If springs without effects cannot be fitted.
     pub fn of(start: &Start, averaged: &Averaged, beside: &[Beside]) -> Result<Self, FitError> {
         let chosen = std::iter::once(averaged.own()).chain(averaged.fits().iter().map(|(_, fit)| fit));
         let bodies = chosen.chain(beside.iter().map(|other| &other.fitted));
@@ -52,7 +52,7 @@ impl OnSprings {
 }
 
 impl Start {
-    /// The fits of this foundation beside the effects of models on another one, those that are inside the ranges.
+    /// Fits on this foundation with the effects of models on another one: those that have converged inside the ranges.
     fn beside_effects_of(
         &self,
         models: &[&Fitted],
@@ -73,7 +73,8 @@ mod tests {
     use worlds::body::{Bodies, Body, Fineness};
     use worlds::{Background, Design};
 
-    /// A frame that gives makes plain springs softer, and is no property of the tissue: K is that of the same body without it.
+    /// A compliant frame makes plain springs softer, although it is no property of the tissue. With the effect, K is that of the same body
+    /// without the effect.
     #[test]
     fn k_of_a_body_is_that_beside_the_effects_that_were_found() {
         let bodies = Bodies::new(Fineness::COARSE);

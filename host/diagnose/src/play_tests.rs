@@ -1,9 +1,10 @@
-//! Play with memory against a clearance without: distinguished by the way back, one class where guide 2 only goes out.
+//! Distinction of a play, which has memory, from a clearance, which has none: the two are separated by the way back, and are one class if
+//! guide 2 only moves away from zero.
 
 use super::*;
 use worlds::{Design, Truth, session};
 
-/// Names and classes that are found.
+/// Verdict, and named effects with their classes.
 fn found(id: &'static str, design: &Design, seed: u64) -> (Verdict, Vec<(String, Vec<String>)>) {
     let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: vec![(id, vec![0.12])], foreign: None };
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };

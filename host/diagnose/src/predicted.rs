@@ -3,12 +3,12 @@
 use super::data::{Datum, Run, Source};
 use mechanics::Channels;
 
-/// Expected data of a run, in SI, in their order.
+/// Predicted data of a run, in SI, in the order of its data.
 pub(super) fn predicted(run: &Run, channels: &Channels) -> Vec<f64> {
     run.data.iter().map(|datum| value(datum, channels).unwrap_or(f64::NAN)).collect()
 }
 
-/// Expected value of a datum; nothing where the prediction does not have it.
+/// Predicted value of a datum; `None` if the prediction does not have it.
 fn value(datum: &Datum, channels: &Channels) -> Option<f64> {
     let series = match datum.source {
         Source::Force(_) => &channels.force_n,

@@ -1,11 +1,11 @@
-//! Expected information of planned runs (theory, eq. 90) about the explanation and about the modulus.
+//! Expected information of planned runs about the missing effects and about the modulus (theory, eq. 90).
 //!
 //! Every plausible model has a normal predictive distribution of a planned run, with noise, discrepancy, and the posterior
 //! uncertainty of its parameters and of the discrepancy that runs share. The mutual information between the model and the
 //! planned readings is at least `-sum_i w_i ln sum_j w_j exp(-B_ij)`, with the posterior weights `w` and Bhattacharyya's
 //! distances `B` (Kolchinsky and Tracey, "Estimating mixture entropy with pairwise distances", Entropy 19:361, 2017). The
 //! models include effects that no run has shown so far, each with its prior odds and the posterior variance of its amplitude.
-//! Therefore the runs of a first session are spread over depths and axes.
+//! Therefore the proposed runs of a first session are spread over depths and axes.
 
 use super::Multiples;
 use super::averaged::Averaged;
@@ -24,7 +24,7 @@ use readings::FitError;
 use serde::Serialize;
 use simulation::simulate::LateralPlan;
 
-/// A model less likely than this adds less than 0.007 nats to what a run could tell: `-p ln p`.
+/// Smallest probability of a model that is included: a less probable one adds less than 0.007 nats, `-p ln p`.
 const MIN_PROBABILITY: f64 = 1e-3;
 /// Effects that are named as the reason for a run.
 const REASONS: usize = 3;
@@ -34,7 +34,7 @@ const REASONS: usize = 3;
 pub struct Prospects {
     /// Sets of effects that explain the runs, with their probabilities, most probable first.
     pub explanations: Vec<PossibleSet>,
-    /// Probability that one more effect is missing, which no run has shown so far.
+    /// Probability that a further effect is missing, which no run has shown so far.
     pub unseen_probability: f64,
     /// The planned runs, in their order.
     pub runs: Vec<Prospect>,
@@ -51,7 +51,7 @@ impl Prospects {
 /// A set of effects that explains the runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PossibleSet {
-    /// Their ids; empty where nothing is missing.
+    /// Ids of the effects; empty if nothing is missing.
     pub effects: Vec<String>,
     /// Its probability.
     pub probability: f64,
@@ -94,7 +94,7 @@ struct Models<'a> {
 /// A planned run beside those that were made.
 struct Foreseen {
     run: Prepared,
-    /// Its residuals under the base, which are next to nothing.
+    /// Its residuals under the base, which are nearly zero.
     here: Vec<f64>,
     patterns: Patterns,
 }
@@ -132,8 +132,7 @@ impl Known<'_> {
         let unseen = Scores::along(directions.clone(), base, self.patterns)?.unseen();
         let of_base = fits.iter().filter(|(_, fit)| fit.layout.has_effects_of(&base.layout));
         let of_base: f64 = of_base.map(|(weight, _)| weight).sum();
-        // The prior probability that one of the names is missing equals that of none, whether the runs so far can show
-        // it or not.
+        // All effects of the catalogue together have the prior probability of no effect, whether the runs so far can show them or not.
         let prior = of_base / all().len() as f64;
         let weights: Vec<f64> = unseen.iter().map(|one| prior * one.log_evidence.exp()).collect();
         let total: f64 = fits.iter().map(|(weight, _)| weight).chain(&weights).sum();
@@ -149,7 +148,7 @@ impl Known<'_> {
         })
     }
 
-    /// A planned run without noise, as the model expects it.
+    /// A planned run without noise, as the model predicts it.
     fn foreseen(&self, base: &Fitted, plan: &LateralPlan) -> Result<Foreseen, FitError> {
         let model = base.layout.model(base.values(), Kind::Lateral)?;
         let order = self.runs.len() as f64;
@@ -166,7 +165,7 @@ impl Known<'_> {
         let base = models.base;
         let foreseen = self.foreseen(base, plan)?;
         let base_with_run = foreseen.with(base).ok_or(FitError::Undetermined)?;
-        // A model that makes the planned run impossible (a needle that buckles) is no ground to plan it: it predicts what the base does.
+        // A model that cannot predict the planned run (the needle buckles) gives no reason to plan it: its prediction is that of the base.
         let fits: Vec<Option<Fitted>> = models.fits.iter().map(|(_, fit)| foreseen.with(fit)).collect();
         let of_base = self.expected(&foreseen, &base_with_run).ok_or(FitError::Undetermined)?;
         let means = fits.iter().map(|fit| self.expected(&foreseen, fit.as_ref()?));
@@ -181,7 +180,7 @@ impl Known<'_> {
         at_sizes.sizes.clone_from(&sizes);
         let directions = models.directions.clone().with_run(base, &foreseen.run, &foreseen.here);
         let unseen_after = Scores::along(directions, &at_sizes, &foreseen.patterns)?.unseen();
-        // Two normal distributions, one of which is wider along one direction.
+        // The Bhattacharyya distance of two normal distributions, one of which is wider along one direction.
         let unseen = models.unseen.iter().zip(&unseen_after).map(|((_, before), after)| {
             let ratio = (before.variance / after.variance - 1.0).max(0.0);
             0.5 * ((1.0 + 0.5 * ratio) / (1.0 + ratio).sqrt()).ln()
@@ -198,7 +197,7 @@ impl Known<'_> {
                     .enumerate()
                     .map(|(j, weight)| weight * (-distances.between(i, j)).exp())
                     .sum();
-                // Models that are not counted have what is left of the probability.
+                // The weights of the models that are included do not sum to one.
                 if weights[i] > 0.0 { -weights[i] * (mixed / weights.iter().sum::<f64>()).ln() } else { 0.0 }
             })
             .collect();
@@ -215,7 +214,7 @@ impl Known<'_> {
         })
     }
 
-    /// Residuals of the planned run under a fit that has it, less what the runs let expect of the discrepancy there.
+    /// Residuals of the planned run under a fit that has it, less the expected discrepancy there given the other runs.
     fn expected(&self, foreseen: &Foreseen, fit: &Fitted) -> Option<DVector<f64>> {
         let (last, before) = fit.residuals.split_last()?;
         let less = self.patterns.less_patterns(&fit.sizes, before)?;
@@ -223,8 +222,8 @@ impl Known<'_> {
         Some(DVector::from_column_slice(last) - foreseen.patterns.expected_in_last(&sizes, &less)?)
     }
 
-    /// Squares of the differences between what a fit and all of them expect of the planned run, over the noise, the discrepancy and what the
-    /// runs leave open of the fit's own parameters.
+    /// Squared distances between the predictions of a fit and of all fits for the planned run, in the metric of noise, discrepancy and the
+    /// uncertainty of the fit's own parameters.
     fn distances(
         &self,
         foreseen: &Foreseen,
@@ -242,7 +241,7 @@ impl Known<'_> {
         Some(reduced.diagonal().iter().copied().collect())
     }
 
-    /// Sizes of the groups of the discrepancy beside a planned run, as a fit has them.
+    /// Sizes of the groups of the discrepancy with the planned run: those of a fit, and everyday ones for further groups.
     fn sizes(&self, fit: &Fitted, beside: &Patterns) -> Vec<f64> {
         let fitted_sizes: Vec<(&str, f64)> =
             self.patterns.groups.iter().map(|group| group.name).zip(fit.sizes.iter().copied()).collect();
@@ -257,9 +256,9 @@ impl Known<'_> {
     }
 }
 
-/// Bhattacharyya's distances between what models expect of a planned run: those of fits, then those of unseen effects.
+/// Bhattacharyya distances between the predictive distributions of the models for a planned run: fits, followed by unseen effects.
 struct Distances {
-    /// Squares of the differences between what fits expect, over the variances of the first one.
+    /// Squared distances between the predictions of fits, in the metric of the first one.
     squares: Vec<Vec<f64>>,
     unseen: Vec<f64>,
     base_number: usize,
@@ -276,7 +275,7 @@ impl Distances {
         let count = self.squares.len();
         match (i < count, j < count) {
             (true, true) => self.between_fits(i, j),
-            // An unseen effect lies beside the base, in a direction of its own.
+            // An unseen effect differs from the base along a direction of its own.
             (true, false) => self.unseen[j - count] + self.between_fits(i, self.base_number),
             (false, true) => self.unseen[i - count] + self.between_fits(j, self.base_number),
             (false, false) if i == j => 0.0,
@@ -286,7 +285,7 @@ impl Distances {
 }
 
 impl Foreseen {
-    /// A fit with what it predicts of the planned run; nothing where that is impossible.
+    /// A fit with its residuals and sensitivities in the planned run; `None` if it cannot predict the run.
     fn with(&self, fit: &Fitted) -> Option<Fitted> {
         let planned = std::slice::from_ref(&self.run);
         let residuals = residuals(&fit.layout, planned, fit.values()).ok()?;
@@ -307,7 +306,7 @@ fn largest_force_n(run: &Run) -> f64 {
     forces.map(|datum| datum.measured.abs()).fold(0.0, f64::max)
 }
 
-/// Effects about which a run tells most.
+/// Effects about which a run is most informative.
 fn reasons(gains: &[f64], effects: &[Vec<String>]) -> Vec<String> {
     let mut by_effect: Vec<(f64, &String)> = Vec::new();
     for (gain, effects) in gains.iter().zip(effects) {

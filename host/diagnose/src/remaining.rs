@@ -7,10 +7,10 @@ use super::posterior::Fitted;
 use super::results::{HeldOutMisfit, RemainingResult, RemainingSize};
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// A size this many times the everyday one is worth a line.
+/// Smallest ratio of a size to the everyday one that is reported.
 const ABOVE: f64 = 1.5;
 
-/// Puts together what remains.
+/// Assembles the remaining difference.
 pub(super) struct Remaining;
 
 impl Remaining {
@@ -22,7 +22,7 @@ impl Remaining {
         gap: Option<&HeldOutMisfit>,
     ) -> RemainingResult {
         let change_ln = fitted.change_without_discrepancy(patterns);
-        // Imperfections no larger than their priors allow move the modulus by chance, too.
+        // Imperfections within the limits of their priors also change the modulus by chance.
         let by_chance = fitted
             .sd_of_change_without_discrepancy(patterns, &allowed_sizes(fitted, patterns))
             .map_or(0.0, |sd| sd * Normal::standard().inverse_cdf(1.0 - 0.5 * LEVEL));
@@ -57,8 +57,7 @@ mod tests {
     use crate::start_of;
     use worlds::{Background, Design, Truth, session_on};
 
-    /// Behind imperfections that nobody would notice the modulus by noise alone is off by no more than its standard deviation beside everyday
-    /// imperfections states, and by more than noise makes of it.
+    /// With everyday imperfections the change of the modulus in a fit with noise alone has the computed standard deviation.
     #[test]
     fn the_modulus_by_noise_alone_moves_as_imperfections_make_it_move() {
         const SEEDS: u64 = 12;

@@ -26,7 +26,7 @@ use mechanics::{Experiment, Profile, Support};
 use readings::FitError;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Leaders that are reported where nothing is named.
+/// Largest number of unnamed effects that are reported.
 const PARTIAL: usize = 3;
 
 /// Parts of the result.
@@ -189,8 +189,8 @@ impl DiagnosisReport<'_> {
         let fitted = self.final_fit;
         let effect = fitted.layout.effects[member.index];
         let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
-            let (value, own_sd) = fitted.estimate(member.index, number);
-            let ci95 = averaged.parameter(effect, number).unwrap_or(own_sd);
+            let (value, own_ci95) = fitted.estimate(member.index, number);
+            let ci95 = averaged.parameter(effect, number).unwrap_or(own_ci95);
             (info.name.to_owned(), Estimate { value, ci95 })
         });
         FoundEffect {
@@ -212,8 +212,8 @@ impl DiagnosisReport<'_> {
         }
     }
 
-    /// Effects that improve the fit without explaining it: laws that describe a part of the gap; beside them, where
-    /// nothing has a name, what the search added, else its leaders.
+    /// Effects that improve the fit without explaining the misfit: laws that describe a part of it; if there are none and nothing is named,
+    /// the effects that the search added, or else its leaders.
     fn partial(&self, is_named: bool) -> Vec<String> {
         let described: Vec<String> = self.found.descriptions().map(|effect| effect.id().to_owned()).collect();
         if is_named || !described.is_empty() {
@@ -267,20 +267,20 @@ impl DiagnosisReport<'_> {
         sds
     }
 
-    /// Effects that were not named for want of a little evidence, best first.
+    /// Effects with a probability between 5 and 95 %, best first.
     fn near_margin(&self) -> Vec<&Candidate> {
         let candidates = match self.verdict {
             Verdict::Adequate | Verdict::Unexplained => &self.found.first,
             Verdict::Named | Verdict::Ambiguous => &self.found.last,
         };
-        // A candidate that is as unlikely as the complement of the stated set is not reported.
+        // A candidate with a probability below 5 % is not reported.
         let near_margin = candidates.iter().filter(|candidate| {
             candidate.standing == Standing::Possible && candidate.ln_odds.abs() <= stated_ln_odds()
         });
         near_margin.take(PARTIAL).collect()
     }
 
-    /// Effect that explains the runs about as well on the foundation that was not chosen.
+    /// Text of a model on the other foundation that explains the runs about as well.
     fn on_other_foundation(&self) -> Option<String> {
         let other_foundation =
             self.other_foundation.first().filter(|other| other.ln_odds > -stated_ln_odds())?;
@@ -300,7 +300,8 @@ impl DiagnosisReport<'_> {
         ))
     }
 
-    /// Whether the runs identify the modulus: something of known size acts on the needle, and a modulus explains them best.
+    /// Whether the runs identify the modulus: a load or displacement of known size acts on the needle, and the modulus is not at an end of
+    /// its range.
     fn modulus_status(&self) -> ModulusStatus {
         if self.has_unknown_size() || self.is_modulus_at_bound() {
             ModulusStatus::NotIdentified
@@ -309,12 +310,12 @@ impl DiagnosisReport<'_> {
         }
     }
 
-    /// Whether nothing of known size acts on the needle.
+    /// Whether no load or displacement of known size acts on the needle.
     fn has_unknown_size(&self) -> bool {
         self.session.rig.rear_is_unknown() && self.all.iter().all(guide2_rests)
     }
 
-    /// Whether the fit has driven the modulus to an end of its range: what the runs show is not the tissue's stiffness.
+    /// Whether the modulus of the fit is at an end of its range, so that the runs do not show the tissue's stiffness.
     fn is_modulus_at_bound(&self) -> bool {
         self.final_fit.at_bound.first() == Some(&true)
     }
@@ -329,7 +330,7 @@ impl DiagnosisReport<'_> {
                  another run of each kind would decide",
                 candidate.id(),
                 candidate.gain(),
-                // Downwards: what is just short of a name is not printed as one.
+                // Rounded down, so that a probability just below the threshold of a name is not printed as the threshold.
                 (100.0 * probability(candidate.ln_odds)).floor() / 100.0
             ));
         }
@@ -379,12 +380,12 @@ impl DiagnosisReport<'_> {
     }
 }
 
-/// Probability at odds of which this is the logarithm.
+/// Probability from log odds.
 pub(super) fn probability(ln_odds: f64) -> f64 {
     (1.0 + (-ln_odds).exp()).recip()
 }
 
-/// Whether a run is an insertion in which nothing of known size acts on the needle.
+/// Whether a run is an insertion in which guide 2 does not move.
 fn guide2_rests(run: &Run) -> bool {
     match &run.experiment {
         Experiment::Insertion(done) => done.guide2_m.iter().flatten().all(Profile::is_constant),
@@ -396,7 +397,7 @@ impl Diagnosis {
     /// The model with the added effects, for a file.
     pub fn model(&self) -> ModelFile {
         let effects = self.given_effects.iter().chain(&self.effects);
-        // A modulus that is not identifiable is nothing that was learned.
+        // A modulus that is not identified is not part of the model.
         let is_identified = self.k_status == ModulusStatus::Identified;
         let youngs = self.foundation.youngs_modulus_kpa.filter(|_| is_identified);
         ModelFile {

@@ -12,7 +12,7 @@ use readings::draws::Draws;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Name and version of this form.
+/// Name and version of this document.
 pub(super) const SCHEMA: &str = "guide.diagnose/2";
 
 /// The outcome in one word.
@@ -38,7 +38,7 @@ pub struct Diagnosis {
     /// Expected information of planned runs, if there are any.
     #[serde(skip)]
     pub prospects: Option<Prospects>,
-    /// Name and version of this form.
+    /// Name and version of this document.
     pub schema: &'static str,
     /// Name of the session.
     pub session: Option<String>,
@@ -67,9 +67,9 @@ pub struct Diagnosis {
     pub walls: Option<WallsResult>,
     /// Reference, and the difference of the session from it; `None` if there is no reference.
     pub reference: Option<ReferenceResult>,
-    /// Foundation modulus: that of the final model on springs; on a body that of the plain springs, the equivalent modulus.
+    /// Foundation modulus K: that of the final model on springs; for a body that of springs with the same effects.
     pub k_kpa: f64,
-    /// Its interval of 95 %.
+    /// 95 % interval of K.
     pub k_ci95_kpa: [f64; 2],
     /// Whether the runs identify the modulus, K and E alike. If they do not, its interval is that of the prior.
     pub k_status: ModulusStatus,
@@ -78,7 +78,7 @@ pub struct Diagnosis {
     pub mean_modulus: Option<MeanModulus>,
     /// Tip load under the final model, where there are insertions.
     pub tip_load_n: Option<f64>,
-    /// Its interval of 95 %.
+    /// 95 % interval of the tip load.
     pub tip_load_ci95_n: Option<[f64; 2]>,
     /// Effects of the model that the diagnosis started from.
     pub given: Vec<String>,
@@ -102,11 +102,11 @@ pub struct Diagnosis {
     pub adequacy: [AdequacyResult; 2],
     /// Standard deviation of the remaining smooth discrepancy, by channel and unit, if the verdict is unexplained.
     pub discrepancy: BTreeMap<String, f64>,
-    /// Log evidence from which on an effect is named if it is the only explanation.
+    /// Smallest log evidence of an effect that is named, if it is the only explanation.
     pub margin: f64,
     /// Division of the session.
     pub split: String,
-    /// Noise that was used, one standard deviation of a reading.
+    /// Noise of the fits to the training runs, by channel and unit: standard deviation of a reading.
     pub noise: BTreeMap<String, f64>,
     /// Effects with a probability between 5 and 95 %, too low for a name. The intervals of the modulus and of the tip load
     /// include the models with them.
@@ -180,7 +180,7 @@ impl FoundationResult {
         }
     }
 
-    /// The same comparison with moduli of fits to other runs.
+    /// The same comparison with the moduli of fits to all runs.
     pub(super) fn fitted_again(&self, last: &Fitted, springs: &Fitted) -> Self {
         let youngs_modulus_kpa = self.youngs_modulus_kpa.map(|_| modulus_kpa(last));
         Self { youngs_modulus_kpa, k_of_plain_springs_kpa: modulus_kpa(springs), ..self.clone() }
@@ -207,7 +207,7 @@ fn modulus_kpa(fitted: &Fitted) -> Estimate {
     Estimate { value: 1e-3 * value, ci95: ci95.map(|end| 1e-3 * end) }
 }
 
-/// An effect that is missing.
+/// An effect that was added to the model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FoundEffect {
     /// Its id.
@@ -216,11 +216,11 @@ pub struct FoundEffect {
     pub parameters: BTreeMap<String, Estimate>,
     /// Log evidence over the model without it.
     pub log_evidence_gain: f64,
-    /// Probability that some effect of its class is missing.
+    /// Probability that this effect or an alternative to it is missing.
     pub probability: f64,
     /// The class: the smallest set of effects with 95 % of the probability, itself among them, most probable first.
     pub class: Vec<String>,
-    /// Probability of each of the class.
+    /// Probability of each member of the class.
     pub class_probability: Vec<f64>,
     /// Formula of a law, with its values.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -262,7 +262,7 @@ pub struct RegionResult {
 pub struct NextMeasurement {
     /// Kind of the measurement.
     pub kind: String,
-    /// In words.
+    /// Text of the measurement.
     pub what: String,
     /// The effects that it separates.
     pub separates: Vec<String>,
@@ -273,7 +273,7 @@ pub struct NextMeasurement {
 /// Misfit of held-out data, before and after effects were added.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeldOutMisfit {
-    /// The runs that it is from.
+    /// The runs with held-out data.
     pub heldout_runs: Vec<String>,
     /// Misfit of the model that the diagnosis started from.
     pub before: Misfit,
@@ -288,7 +288,7 @@ pub struct HeldOutMisfit {
     pub points: Vec<ResidualPoint>,
 }
 
-/// Measured less predicted before and after, of one channel in its unit.
+/// Residual of a reading before and after effects were added, measured less predicted, in the unit of its channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ResidualPoint {
     /// The sensor.
@@ -301,7 +301,7 @@ pub struct ResidualPoint {
     pub after: f64,
 }
 
-/// One model's distance from the data.
+/// Misfit of one model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Misfit {
     /// Chi-square per datum.
@@ -325,7 +325,7 @@ pub enum RemainingSize {
 /// Remaining difference between the final model and the measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RemainingResult {
-    /// Size, in a word.
+    /// Size of the difference.
     pub size: RemainingSize,
     /// Root mean square of the remaining smooth misfit, by channel and unit.
     pub rms: BTreeMap<String, f64>,
@@ -342,11 +342,11 @@ pub struct RemainingResult {
 pub struct Ranked {
     /// Its id.
     pub id: String,
-    /// Gain of chi-square by its score.
+    /// Gain of chi-square according to its score.
     pub score_chi2: f64,
-    /// Log evidence over the starting model: refitted, or by its score.
+    /// Log evidence over the starting model, of the fit with it or, without such a fit, according to its score.
     pub log_evidence_gain: f64,
-    /// Whether it was refitted.
+    /// Whether a model with it was fitted.
     pub refitted: bool,
 }
 

@@ -1,10 +1,10 @@
-//! Effect of rounding on a measured shape.
+//! Errors of a measured shape by rounding.
 //!
 //! Pixels round deflections to whole steps q. If the noise is much larger than a step, the rounding errors of the points are
 //! independent and part of the scatter. With less noise, of standard deviation s, points of the same deflection u have a common
 //! error: the mean of their readings is biased by the harmonics of a sawtooth that the noise has smoothed, `(q / pi k) exp(-2
 //! pi^2 k^2 s^2 / q^2) sin(2 pi k u / q + phase)` (Widrow and Kollar, Quantization Noise, 2008). Along a bent needle this bias
-//! averages out. Along a straight needle it does not, however many points there are, so that a needle near zero seems to lag
+//! averages out. Along a straight needle it does not, however many points there are: near zero the needle then seems to lag
 //! behind guide 2, as with a clearance.
 
 use super::data::{Run, Source};
@@ -13,20 +13,20 @@ use super::predicted::predicted;
 use mechanics::{Model, ModelError, predict};
 use std::f64::consts::{PI, TAU};
 
-/// Harmonics of the sawtooth that are counted.
+/// Number of harmonics of the sawtooth.
 const HARMONICS: usize = 3;
-/// A variance below this share of the scatter's is none.
+/// Smallest variance of a harmonic, relative to that of the scatter, that is included.
 const MIN_SHARE: f64 = 1e-3;
 
-/// Amplitude of a harmonic of the error that points of the same deflection share, of a step and the variance of what scatters.
+/// Amplitude of a harmonic of the error that points of the same deflection share, from the rounding step and the variance of the scatter.
 fn amplitude_m(harmonic: usize, step_m: f64, scatter_m2: f64) -> f64 {
     let k = harmonic as f64;
     let noise_m2 = (scatter_m2 - step_m * step_m / 12.0).max(0.0);
     step_m / (PI * k) * (-2.0 * (PI * k).powi(2) * noise_m2 / (step_m * step_m)).exp()
 }
 
-/// Effect of one standard deviation of each rounding error of a run's shape: sine and cosine of the deflections that
-/// the model expects in each plane. Empty if noise hides the rounding.
+/// Patterns of the rounding errors of a run's shape, each for one standard deviation: sines and cosines of the predicted deflections in
+/// each plane. Empty if noise hides the rounding.
 ///
 /// # Errors
 /// Where the model cannot be evaluated.
@@ -77,7 +77,7 @@ mod tests {
                 .map(|_| ((quarter_m + noise_m * normal(&mut random)) / step_m).round() * step_m)
                 .collect();
             let mean_m = readings.iter().sum::<f64>() / readings.len() as f64;
-            // Over all phases the scatter is that of noise and rounding.
+            // Averaged over all phases the scatter is the sum of noise and rounding.
             let stated_m = amplitude_m(1, step_m, noise_m * noise_m + step_m * step_m / 12.0);
             assert!(
                 ((quarter_m - mean_m) / stated_m - 1.0).abs() < 0.06,

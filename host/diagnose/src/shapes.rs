@@ -1,20 +1,20 @@
 //! The measured shape of a hold as data.
 //!
-//! A tracker measures the whole shape many times a second: a hold has hundreds of points at every place. They are replaced by
-//! their mean, which is a sufficient statistic. As separate data they would be thousands, whose covariance takes minutes to
-//! factor; and the first of them would all be at one place, from which the correlation of the noise along the needle cannot be
-//! estimated.
+//! A tracker measures the whole shape many times a second: a hold has hundreds of points at every position along the needle. They
+//! are replaced by their mean, which is a sufficient statistic. The factorisation of the covariance of thousands of separate data
+//! would take minutes, and the noise estimate, which uses the first data of a sweep, would have only data at one position, which do
+//! not show the correlation of the noise along the needle.
 
 use formats::session::LateralRun;
 use mechanics::ShapePoint;
 use readings::holds::Hold;
 use std::collections::BTreeMap;
 
-/// Points this far beyond the tip are taken as on it.
+/// Points up to this distance beyond the tip count as points at the tip.
 const BEYOND_M: f64 = 0.5e-3;
 /// Points closer than this are at the same place.
 const SAME_PLACE_M: f64 = 0.01e-3;
-/// Places of a hold: more are joined with their neighbours, over a length on which a needle is straight.
+/// Largest number of places of a hold, approximately: more are joined with their neighbours, over a length on which a needle is straight.
 const MAX_PLACES: usize = 240;
 
 /// The shape of a hold.
@@ -49,7 +49,7 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
     let times_s = run.shape.time_s.as_ref();
     let times_s = indices.iter().map(|i| times_s.map_or(middle_s, |times_s| hold.observed_s(times_s[*i])));
     let times_s: Vec<f64> = times_s.collect();
-    // Forth and back a lag of the images is the other way round.
+    // Points imaged forth and back are kept apart, because a lag of the images shifts them in opposite directions.
     let directions: Vec<_> = indices
         .iter()
         .map(|index| run.shape.image(*index).map(|image| image.probe_m_per_s.total_cmp(&0.0)))
@@ -60,11 +60,11 @@ pub(super) fn of_hold(run: &LateralRun, tip_m: f64, hold: &Hold) -> HoldShape {
         let Some(column) = column else { continue };
         let values: Vec<f64> = indices.iter().map(|i| column[*i]).collect();
         let kept_points = super::misread::without_misread(&z_m, &values, super::misread::step_m(column));
-        for (mean_point, members) in groups.iter().enumerate() {
+        for (place, members) in groups.iter().enumerate() {
             let members: Vec<usize> = members.iter().copied().filter(|member| kept_points[*member]).collect();
             if !members.is_empty() {
                 let deflection_m = mean(&values, &members);
-                means.push(PlaceMean { plane, place: mean_point, deflection_m, points: members.len() });
+                means.push(PlaceMean { plane, place, deflection_m, points: members.len() });
             }
         }
     }
@@ -85,7 +85,7 @@ fn mean(values: &[f64], members: &[usize]) -> f64 {
     members.iter().map(|member| values[*member]).sum::<f64>() / members.len() as f64
 }
 
-/// Points at the same place that were imaged on the same way, in the order of the first of each; `z_m` increases.
+/// Groups of points at the same place and with the same direction of the sweep, in the order of their first points; `z_m` increases.
 fn places<W: Ord + Copy>(z_m: &[f64], ways: &[W]) -> Vec<Vec<usize>> {
     let same_place = joined(z_m, ways, SAME_PLACE_M);
     if same_place.len() <= MAX_PLACES {
@@ -96,7 +96,7 @@ fn places<W: Ord + Copy>(z_m: &[f64], ways: &[W]) -> Vec<Vec<usize>> {
     joined(z_m, ways, length_m * direction_count as f64 / MAX_PLACES as f64)
 }
 
-/// Points on the same way that are within a width of the first of them.
+/// Groups of points with the same direction of the sweep that are within a width of the first point.
 fn joined<W: Ord + Copy>(z_m: &[f64], ways: &[W], width_m: f64) -> Vec<Vec<usize>> {
     let mut place_groups: Vec<Vec<usize>> = Vec::new();
     let mut last: BTreeMap<W, usize> = BTreeMap::new();
@@ -121,7 +121,7 @@ mod tests {
     fn points_at_one_place_are_one_and_others_stay_as_they_are() {
         let z_m = [0.07, 0.07, 0.070_005, 0.071, 0.0712, 0.0712];
         assert_eq!(places(&z_m, &[0; 6]), [vec![0, 1, 2], vec![3], vec![4, 5]]);
-        // Forth and back are apart.
+        // Points of the two directions are separate.
         assert_eq!(places(&z_m, &[1, -1, 1, 1, -1, -1]), [vec![0, 2], vec![1], vec![3], vec![4, 5]]);
         assert!(places::<i8>(&[], &[]).is_empty());
     }

@@ -1,7 +1,7 @@
 //! Division into training and held-out data.
 //!
-//! Held-out data are in [`HeldOut`], which has one use: the comparison of two models on them. No other code has access, so that
-//! no fit, noise estimate, threshold or selection depends on it.
+//! Held-out data are in [`HeldOut`], whose only use is to make a [`Judge`], which compares models on them. No other code has access,
+//! so that no fit, noise estimate or threshold of the search depends on them.
 
 use super::Multiples;
 use super::data::{Channel, Kind, Run, Source};
@@ -19,15 +19,15 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 
-/// Runs, or parts of runs, to learn from.
+/// Runs, or parts of runs, to which models are fitted.
 #[derive(Debug)]
 pub(super) struct Training {
     pub runs: Vec<Run>,
-    /// Division of the session, for people.
+    /// Text of the rule of the division.
     pub rule: String,
 }
 
-/// Runs that no fit uses.
+/// Runs, or parts of runs, that no fit of the search uses.
 #[derive(Debug)]
 pub(super) struct HeldOut {
     runs: Vec<Run>,
@@ -38,14 +38,14 @@ const EVERY: usize = 4;
 /// Depths and speeds closer than this are repeats of each other.
 const SAME_DEPTH_M: f64 = 0.5e-3;
 const SAME_SPEED_M_PER_S: f64 = 0.2e-3;
-/// A misfit of what was held out is more than chance where it is so many standard deviations above that of noise.
+/// A held-out misfit exceeds chance if it is more than this number of standard deviations above its expectation for noise.
 const CHANCE: f64 = 4.0;
 /// Draws of the bootstrap over held-out parts.
 const DRAWS: usize = 1000;
 
-/// Divides the runs of a session: of every group of repeats the last one is held out; a kind of run without repeats is divided by
-/// holds, or by intervals of depth. Lateral runs along each axis are a kind of their own: what acts in one plane alone can be confirmed only
-/// by what was held out in that plane.
+/// Divides the runs of a session. The last run of every group of repeats is held out. Without repeats one in four insertions is held out, if
+/// there are at least four; otherwise every run of the kind is divided by holds or by intervals of depth. Lateral runs along each axis are a
+/// kind of their own, because an effect in one plane can be confirmed only by held-out data of that plane.
 pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
     let numbered: Vec<(usize, Run)> = runs.into_iter().enumerate().collect();
     let (lateral, insertions): (Vec<&(usize, Run)>, Vec<_>) =
@@ -62,7 +62,7 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
     divided.add(&along_x, Kind::Lateral, name_x);
     divided.add(&insertions, Kind::Insertion, "insertions");
     let Divided { training, held_out, rules } = divided;
-    // Insertions after all lateral runs; those of a kind in their order, which is that of time.
+    // Insertions follow the lateral runs; runs of a kind keep their order, which is that of time.
     let [training, held_out] = [training, held_out].map(|mut runs| {
         runs.sort_by_key(|(number, run)| (run.kind == Kind::Insertion, *number));
         runs.into_iter().map(|(_, run)| run).collect()
@@ -70,7 +70,7 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
     (Training { runs: training, rule: rules.join("; ") }, HeldOut { runs: held_out })
 }
 
-/// Runs as they are divided, with their numbers in the session, and how.
+/// Divided runs with their numbers in the session, and the rules of the division.
 #[derive(Default)]
 struct Divided {
     training: Vec<(usize, Run)>,
@@ -87,7 +87,7 @@ impl Divided {
         let mut whole = last_of_repeats(runs);
         let mut rule = ("of repeated", "the last");
         if whole.is_empty() && kind == Kind::Insertion && runs.len() >= EVERY {
-            // Insertions are alike enough that whole ones can be spared.
+            // Insertions are so similar that whole ones can be held out.
             whole = one_in_four(runs);
             rule = ("of the", "one in four");
         }
@@ -111,9 +111,9 @@ impl Divided {
             Kind::Insertion => "interval of depth",
         };
         for (place, (number, run)) in runs.iter().enumerate() {
-            // Not the same level in every run.
+            // The index of the run shifts the pattern, so that not the same level is held out in every run.
             let held_run = run.with_parts(|part| (part + place) % EVERY == EVERY / 2);
-            // A part without shape determines little of what the rest of the run does; but it is never learned from.
+            // The held-out parts are excluded from training even if they contain no shape.
             self.training.push((*number, run.with_parts(|part| (part + place) % EVERY != EVERY / 2)));
             if !held_run.data.is_empty() {
                 self.held_out.push((*number, held_run));
@@ -123,11 +123,11 @@ impl Divided {
     }
 }
 
-/// Numbers of one run in [`EVERY`]. If speeds were varied, each taken more than once, they are those next to the
-/// fastest and to the slowest: a model without an effect of the speed predicts the mean of the others, so that a run of
-/// mean speed can neither confirm nor refute such an effect. Speeds of a hand are all different. The needle was turned
-/// in the first of the runs at one speed, and in every other: what turns with it (a rolled bevel) and what stays with
-/// the room (a tilted tracker) do the same where it was not.
+/// Numbers of the held-out insertions, one in [`EVERY`]. If at least two speeds occur more than once, runs next to the fastest and next to
+/// the slowest are chosen in turn: a model without an effect of the speed predicts the mean of the others, so that a run of mean speed
+/// could neither confirm nor refute such an effect. (By hand all speeds differ, and every fourth run is held out.) The fast runs are chosen
+/// among those in which the needle was turned, if possible, and the slow ones among the others: without a turn a rolled bevel, which turns
+/// with the needle, and a tilted tracker, which does not, have the same effect.
 fn one_in_four(runs: &[&(usize, Run)]) -> Vec<usize> {
     let mut by_speed = runs.to_vec();
     by_speed.sort_by_key(|(_, run)| speed_number(run));
@@ -141,11 +141,11 @@ fn one_in_four(runs: &[&(usize, Run)]) -> Vec<usize> {
         let inward = 1 + EVERY * (place / 2);
         let is_fast = place.is_multiple_of(2);
         let candidate = if is_fast { by_speed.len().checked_sub(1 + inward) } else { Some(inward) };
-        let Some((_, candidate_index)) = candidate.and_then(|candidate| by_speed.get(candidate)) else {
+        let Some((_, run_of_speed)) = candidate.and_then(|candidate| by_speed.get(candidate)) else {
             continue;
         };
         let mut candidates = by_speed.iter().filter(|(number, run)| {
-            speed_number(run) == speed_number(candidate_index) && !taken_indices.contains(number)
+            speed_number(run) == speed_number(run_of_speed) && !taken_indices.contains(number)
         });
         let chosen =
             candidates.clone().find(|(_, run)| (run.turned() > 0.0) == is_fast).or_else(|| candidates.next());
@@ -154,7 +154,7 @@ fn one_in_four(runs: &[&(usize, Run)]) -> Vec<usize> {
     taken_indices
 }
 
-/// Speeds with the same number are the same.
+/// Speed in units of [`SAME_SPEED_M_PER_S`], rounded: speeds with the same number count as the same.
 fn speed_number(run: &Run) -> i64 {
     (run.speed_m_per_s / SAME_SPEED_M_PER_S).round() as i64
 }
@@ -175,8 +175,7 @@ impl HeldOut {
         self.runs.iter().map(|run| run.id.clone()).collect()
     }
 
-    /// Judge of models that are compared with a start, which was fitted to the training runs; `multiples` are those of the
-    /// discrepancy.
+    /// Judge of models on the held-out data. `start` was fitted to the training runs; `multiples` are those of the discrepancy.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -200,32 +199,32 @@ impl HeldOut {
     }
 }
 
-/// Judges models by what was held out.
+/// Judges models by the held-out data.
 ///
-/// The misfit that is stated is that of the physics: zeros, drift, axes and offsets of single runs are the instruments' own, and beside the
-/// noise of a mean a zero would rule all sums. What refutes a model is that it predicts worse: the density that it gives what was held out *after*
-/// the training runs, whose misfit tells of imperfections that all runs share (theory, below eq. 65).
+/// The reported misfit has zeros, drift, axes and differences between runs as nuisances, because a zero would otherwise dominate all sums. A
+/// model is refuted by its predictive density of the held-out data given the training runs, whose residuals inform about imperfections that
+/// all runs share (theory, below eq. 65).
 #[derive(Debug)]
 pub(super) struct Judge {
     runs: Vec<Prepared>,
-    /// Patterns of the instruments, in what was held out.
+    /// Patterns of the instruments and of differences between runs, in the held-out data.
     patterns: Patterns,
-    /// The inverse of their covariance with the noise.
+    /// Inverse of the covariance of these patterns and the noise.
     instruments: Inverse,
-    /// All patterns, in the training runs and in what was held out behind them.
+    /// All patterns, in the training runs followed by the held-out ones.
     imperfections: Patterns,
     of_training: Patterns,
     /// Names of the groups whose sizes a fit has.
     fitted_groups: Vec<&'static str>,
 }
 
-/// Losses of a model in every part of what was held out.
+/// Losses of a model in every part of the held-out data.
 #[derive(Debug, Clone)]
 pub(super) struct Losses {
     /// For each part, minus twice the log predictive density given the training runs, with noise and discrepancy of the fitted
     /// sizes.
     pub of_density: Vec<f64>,
-    /// For each part, the misfit with instrument errors alone, so that only the model itself explains the data.
+    /// For each part, the misfit with the instruments' errors and differences between runs as the only nuisances.
     pub beside_instruments: Vec<f64>,
 }
 
@@ -235,8 +234,8 @@ impl Judge {
         self.runs.len()
     }
 
-    /// Misfit of the held-out data in runs of these kinds under the physics of a fit, with noise and instrument errors; `None`
-    /// without held-out data. No pattern acts on runs of both kinds.
+    /// Misfit of a fit on the held-out data of runs of these kinds, in the metric of noise, instrument errors and differences between
+    /// runs; `None` without such data. No pattern acts on runs of both kinds, so that the residuals of the others are set to zero.
     pub fn held_out_misfit_in(&self, fitted: &Fitted, kinds: RunKinds) -> Option<f64> {
         let counted: Vec<bool> = self
             .runs
@@ -257,8 +256,8 @@ impl Judge {
         self.held_out_shrinks_in(before, after, RunKinds::BOTH)
     }
 
-    /// The same for runs of these kinds alone. An effect that acts only in insertions changes the common modulus by a fraction
-    /// of its interval. In lateral runs, which have far more readings, that changes the misfit by chance.
+    /// The same for runs of these kinds alone. An effect that acts only in insertions also changes the common modulus by a fraction of its
+    /// interval, which changes the misfit of lateral runs by chance; and these have far more readings.
     pub fn held_out_shrinks_in(&self, before: &Fitted, after: &Fitted, kinds: RunKinds) -> bool {
         let misfits = self.held_out_misfit_in(before, kinds).zip(self.held_out_misfit_in(after, kinds));
         misfits.is_some_and(|(before, after)| after < before)
@@ -283,13 +282,13 @@ impl Judge {
         misfit_sum <= by_chance(count as f64)
     }
 
-    /// Sizes of a fit, for the groups of all imperfections; a group that the training runs alone do not show has its everyday one.
+    /// Sizes of a fit for the groups of all imperfections; a group that the training runs do not show has its everyday size.
     fn sizes_of(&self, fitted: &Fitted) -> Vec<f64> {
         let mut sizes = self.imperfections.everyday();
         let mut fitted_sizes: Vec<(&str, f64)> =
             self.fitted_groups.iter().copied().zip(fitted.sizes.iter().copied()).collect();
         for (size, group) in sizes.iter_mut().zip(&self.imperfections.groups) {
-            // Beside a reference two groups have one name, in the same order.
+            // With a reference, two groups can have the same name; they are in the same order in both lists.
             if let Some(index) = fitted_sizes.iter().position(|(name, _)| *name == group.name) {
                 *size = fitted_sizes.remove(index).1;
             }
@@ -297,7 +296,7 @@ impl Judge {
         sizes
     }
 
-    /// Every part of what was held out after the training runs and the parts before it, with discrepancy of these sizes.
+    /// Predictive density of every held-out part given the training runs and the parts before it, with discrepancy of these sizes.
     fn after_training(&self, fitted: &Fitted, sizes: &[f64]) -> Option<Vec<Ahead>> {
         let shared = self
             .of_training
@@ -356,7 +355,7 @@ impl Judge {
 }
 
 impl Judge {
-    /// Misfit of the held-out runs under a model, without the instruments' part.
+    /// Misfit of the held-out runs under a model, with the patterns of `self.patterns` as nuisances.
     fn tally(&self, fitted: &Fitted) -> Result<Tally, ModelError> {
         let mut plain = Vec::with_capacity(self.runs.len());
         let mut white = Vec::with_capacity(self.runs.len());
@@ -381,7 +380,8 @@ impl Judge {
     }
 }
 
-/// Fraction of the removable misfit in some parts, each as often as it is named, that the second side removes.
+/// Fraction of the removable misfit in a list of parts, which may repeat, that the second model removes; `None` if the misfit under the first
+/// does not exceed chance.
 fn removed([before, after]: &[Tally; 2], parts: impl IntoIterator<Item = usize>) -> Option<f64> {
     let (mut b, mut a, mut n) = (0.0, 0.0, 0.0);
     for part in parts {
@@ -389,11 +389,11 @@ fn removed([before, after]: &[Tally; 2], parts: impl IntoIterator<Item = usize>)
         a += after.parts[part].0;
         n += before.parts[part].1 as f64;
     }
-    // Only a gap that is more than chance can be removed.
+    // Only a misfit above chance can be removed.
     (b > by_chance(n)).then(|| ((b - a) / (b - n)).min(1.0))
 }
 
-/// Misfit of so many readings that chance does not exceed.
+/// Misfit of `count` readings that chance does not exceed.
 fn by_chance(count: f64) -> f64 {
     count + CHANCE * (2.0 * count).sqrt()
 }
@@ -420,11 +420,11 @@ fn points(runs: &[Prepared], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
 /// Squares of one model's residuals.
 #[derive(Default)]
 struct Tally {
-    /// Squares in the metric of noise and instruments and number, part by part.
+    /// Squares in the metric of noise and nuisances, and number of readings, part by part.
     parts: Vec<(f64, usize)>,
-    /// Plain squares and number of every channel.
+    /// Sum of the squares of `plain`, and number of readings, of every channel.
     channels: Vec<(Channel, f64, usize)>,
-    /// Residuals of all runs less what the instruments' patterns have of them, SI.
+    /// Residuals of all runs less the estimated nuisances, SI.
     plain: Vec<f64>,
 }
 

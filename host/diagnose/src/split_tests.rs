@@ -1,12 +1,11 @@
-//! Held-out runs, and their judgement.
+//! Choice of the held-out runs, and judgement of models by them.
 
 use super::super::tests::truth;
 use super::super::{Layout, Noises, Start, data_split, fit_start, runs_of};
 use super::*;
 use worlds::{Design, session};
 
-/// The insertion of mean speed cannot distinguish an effect of the speed from none, and one that was not turned a rolled bevel from a
-/// tilted tracker.
+/// An insertion of mean speed cannot confirm an effect of the speed, and an unturned one cannot separate a rolled bevel from a tilted tracker.
 #[test]
 fn of_insertions_at_different_speeds_a_fast_one_that_was_turned_is_held_out() {
     let session = session(&truth(Vec::new()), &Design::insertions(), 5);
@@ -22,7 +21,7 @@ fn of_many_insertions_each_speed_has_one_that_is_held_out() {
     let mut design = Design::insertions();
     let more: Vec<_> = design.insertion.clone();
     design.insertion.extend(more.into_iter().map(|mut plan| {
-        // Another depth: no repeat.
+        // At another depth the insertions are not repeats.
         (plan.id, plan.depth_mm) = (format!("{}b", plan.id), 95.0);
         plan
     }));
@@ -45,7 +44,7 @@ fn start_and_judge() -> (Start, Judge) {
     (start, judge)
 }
 
-/// The chain rule of normal densities: a part after the training runs is both together less the training runs.
+/// By the chain rule of normal densities the misfit given the training runs is the joint one less that of the training runs.
 #[test]
 fn what_was_held_out_is_judged_after_the_training_runs() {
     let (start, judge) = start_and_judge();
@@ -56,7 +55,7 @@ fn what_was_held_out_is_judged_after_the_training_runs() {
     assert!((0.5..1.5).contains(&(sum / readings as f64)), "{sum} of {readings} readings");
     assert!(judge.is_chance(&start.fitted));
 
-    // Exact parameters leave the residuals alone.
+    // With exact parameters the residuals do not change along them.
     let mut exact = start.fitted.clone();
     exact.covariance *= 1e-18;
     let parts = judge.after_training(&exact, &everyday).expect("parts");
@@ -71,7 +70,7 @@ fn what_was_held_out_is_judged_after_the_training_runs() {
     assert_eq!(parts[0].readings, judge.runs[0].run.readings_of_parts()[0].len());
 }
 
-/// A parameter that the training runs leave open is no error of the model: the held-out runs are expected to tell of it.
+/// An error of a parameter within its posterior uncertainty costs little: the held-out runs are expected to correct it.
 #[test]
 fn what_is_not_determined_costs_no_more_than_it_can_be() {
     let (start, judge) = start_and_judge();
@@ -91,7 +90,7 @@ fn what_is_not_determined_costs_no_more_than_it_can_be() {
     assert!((as_open - right).abs() < 0.2 * (as_certain - right), "{as_open} {as_certain} {right}");
 }
 
-/// A model that needs a larger discrepancy predicts less sharply, and pays for it.
+/// A model that needs a larger discrepancy has a wider predictive density, and therefore a larger loss.
 #[test]
 fn a_larger_discrepancy_costs_density() {
     let (start, judge) = start_and_judge();

@@ -1,4 +1,4 @@
-//! The starting model, fitted before the search: first on springs, then on another foundation.
+//! Fit of the starting model before the search: first on springs, then on another foundation.
 
 use super::adequacy::Adequacy;
 use super::data::Run;
@@ -16,7 +16,7 @@ use mechanics::{ModelError, Support};
 use rayon::prelude::*;
 use readings::FitError;
 
-/// Rounds after which fits from several places are compared, and how far behind the best of them one is given up.
+/// Number of rounds after which fits from several starts are compared, and log evidence behind the best one at which a fit is given up.
 const FIRST_ROUNDS: usize = 5;
 const FAR_BEHIND: f64 = 20.0;
 
@@ -32,7 +32,7 @@ impl Noises {
     }
 }
 
-/// The starting model, fitted, and what everything after it works on.
+/// The fitted starting model, with the prepared runs and the patterns of the discrepancy.
 #[derive(Debug)]
 pub(super) struct Start {
     pub runs: Vec<Prepared>,
@@ -40,8 +40,8 @@ pub(super) struct Start {
     pub fitted: Fitted,
 }
 
-/// Fits the starting model: twice, because what makes residuals independent, and the form of the discrepancy, depend on what to
-/// expect. The first time there is noise alone. `multiples` state what of the discrepancy is larger than usual.
+/// Fits the starting model twice, because the whitening and the patterns of the discrepancy depend on the predictions; the first fit is
+/// without discrepancy. `multiples` are the ratios of the discrepancy's sizes to usual ones.
 pub(super) fn fit_start(
     layout: &Layout,
     runs: &[Run],
@@ -62,13 +62,13 @@ pub(super) fn fit_start(
         .map(|values| Fitted::new(layout, &first, &no_patterns, values, &[], MAX_ROUNDS))
         .collect::<Result<_, _>>()?;
     ends.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    // Places that lead to the same end are one.
+    // Fits that have converged to the same values are the same.
     ends.dedup_by(|a, b| a.is_at(b));
     let best = ends.first().ok_or(FitError::Undetermined)?.values();
     let runs = prepared(layout, best, runs, noises)?;
     let patterns = patterns(layout, best, &runs, multiples)?;
     let everyday = patterns.everyday();
-    // Most ends are far behind after a few rounds.
+    // If there are several fits, most of them are far behind after a few rounds.
     let rounds = if ends.len() == 1 { MAX_ROUNDS } else { FIRST_ROUNDS };
     let fits: Vec<Fitted> = ends
         .par_iter()
@@ -89,7 +89,7 @@ pub(super) fn fit_start(
     Ok(Start { runs, patterns, fitted: best.ok_or(FitError::Undetermined)? })
 }
 
-/// Runs with what makes their residuals independent under these values.
+/// Runs with whiteners around the model with these values.
 fn prepared(
     layout: &Layout,
     values: &[f64],

@@ -1,4 +1,4 @@
-//! Wrong statements about the rig: guide 2 or the surface is elsewhere, by more than an ordinary error of measurement.
+//! Detection of wrong statements about the rig: guide 2 or the surface is not at its stated position, by more than an ordinary error.
 //!
 //! Both positions are unknowns of every fit, so that no other effect absorbs their errors and the modulus stays unbiased
 //! (theory, eq. 84). If the posterior excludes a stated position, this is reported as a named effect, and the misfit "before"
@@ -16,8 +16,9 @@ use readings::FitError;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 const MM: f64 = 1e-3;
-/// Excluded statements, the clearest first: where the place is beyond the 95 % interval of what was stated with the
-/// probability of a statement, in what was found and over all models that were fitted around it.
+/// The stated position that is excluded most clearly, with its estimated error in m; `None` if none is excluded. It is excluded if the true
+/// position is outside the 95 % interval of the stated one with a probability above 95 %, in the final model and averaged over all models
+/// that were fitted around it.
 fn excluded(found: &Found) -> Option<(StatedPlace, f64)> {
     let models = found.with_neighbours();
     let total: f64 = models.iter().map(|(ln, _)| ln.exp()).sum();
@@ -32,7 +33,7 @@ fn excluded(found: &Found) -> Option<(StatedPlace, f64)> {
     (probability > STATED_PROBABILITY).then_some((excluded_place, value_m))
 }
 
-/// Probability in one model that a place is beyond the 95 % interval of what was stated; nothing where the model does not have it.
+/// Probability in one model that a position is outside the 95 % interval of the stated one; `None` if the model does not have this parameter.
 fn probability_beyond(place: &StatedPlace, fitted: &Fitted) -> Option<f64> {
     let value_m = fitted.values().get(place.parameter)?;
     let sds = (value_m.abs() - NORMAL_975 * place.scale_m) / fitted.sd(place.parameter);
@@ -52,7 +53,7 @@ impl Start {
         })
     }
 
-    /// A fit of the same effects with everything exactly as it is stated.
+    /// A fit with the same effects, and all positions exactly as stated.
     fn exactly(&self, fitted: &Fitted) -> Result<Fitted, FitError> {
         let mut layout = fitted.layout.clone();
         layout.stated_is_exact = true;
@@ -70,8 +71,7 @@ impl Found {
     /// Where the model cannot be evaluated.
     pub fn with_names_of_stated(mut self, start: &Start, judge: &Judge) -> Result<(Self, bool), FitError> {
         let mut is_named = false;
-        // If no model that was compared holds, their posterior of a place has no information about that
-        // place.
+        // If the model is inadequate, its posterior of a position is not reliable.
         let adequacy = Adequacy::of(&self.fitted, &start.runs, &start.patterns)?;
         if !adequacy.is_adequate() && !judge.is_chance(&self.fitted) {
             return Ok((self, is_named));
@@ -86,7 +86,7 @@ impl Found {
             let Start { runs, patterns, .. } = start;
             let fitted = Fitted::new(&layout, runs, patterns, &values, &self.fitted.sizes, MAX_ROUNDS)?;
             let exact_fit = start.exactly(&self.fitted)?;
-            // As any name, only where it is confirmed by what no fit has used.
+            // Like every name it has to be confirmed by the held-out data.
             if !judge.held_out_shrinks(&exact_fit, &fitted) {
                 break;
             }

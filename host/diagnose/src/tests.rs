@@ -1,4 +1,4 @@
-//! The workflow on blind sessions: a small part of what `cargo xtask study diagnose` does.
+//! The workflow on blind sessions: a small part of `cargo xtask study diagnose`.
 
 use super::whiten::Whitener;
 use super::*;
@@ -55,15 +55,15 @@ fn effects_of_every_family_are_named() {
     }
 }
 
-/// A bevel that is rolled turns with the needle: only an insertion in which it is turned distinguishes that from a tilted tracker, so that
-/// one has to be among those that confirm it.
+/// Only an insertion in which the needle is turned distinguishes a rolled bevel from a tilted tracker; therefore one such insertion has to be
+/// held out.
 #[test]
 fn a_rolled_bevel_is_confirmed_by_an_insertion_in_which_the_needle_is_turned() {
     let rolled = truth(vec![("tip.bevel_roll", vec![-0.14])]);
     assert_named(&diagnosed(&rolled, &Design::insertions(), 3), "tip.bevel_roll", &[-0.14]);
 }
 
-/// More effects than are fitted cannot be shown by insertions alone; they take no other effect's place.
+/// More effects than are fitted are not identifiable from insertions alone; they must not displace others among the fitted ones.
 #[test]
 fn effects_that_the_runs_cannot_show_take_no_place_among_those_that_are_fitted() {
     let mut design = Design::insertions();
@@ -108,8 +108,8 @@ fn errors_of_imaging_are_found_where_it_is_stated_how_the_shape_was_imaged() {
     assert!(unstated.effects.iter().flat_map(|effect| &effect.class).all(|id| !id.starts_with("imaging.")));
 }
 
-/// Moved along the beam alone, a wrong speed of sound is a wrong scale of everything: guide 2 has to move across the beam. A probe turned by
-/// 90 degrees would do the same, but needs a hand.
+/// If guide 2 moves along the beam only, a wrong speed of sound equals a wrong scale of the shape; motion across the beam separates them. A
+/// probe turned by 90 degrees would too, but by hand.
 #[test]
 fn motion_across_the_beam_separates_the_speed_of_sound_from_the_scale_of_the_image() {
     let mut design = Design::imaged();
@@ -133,7 +133,7 @@ fn effects_with_equal_evidence_are_a_class_and_a_known_weight_separates_them() {
     assert_eq!(diagnosis.next_measurement.expect("a measurement").kind, "known_weight");
 }
 
-/// Whether both of two effects are named. Layers stand for a skin where little else separates them.
+/// Whether both of two effects are named.
 fn has_both(seed: u64) -> bool {
     let two_effects = vec![("tissue.skin", vec![0.25]), ("rig.friction", vec![0.05])];
     let diagnosis = diagnosed(&truth(two_effects), &Design::four_runs(), seed);
@@ -147,7 +147,7 @@ fn two_effects_are_both_named() {
     assert!((6..8).any(has_both));
 }
 
-/// The rate of it: with the one that is aimed at, 85 %, fewer than 7 of 12 have a probability of 5 in 1000.
+/// With the intended rate of 85 %, fewer than 7 of 12 have a probability of 5 in 1000.
 #[test]
 #[ignore = "a minute of searches: cargo xtask test --all runs it"]
 fn two_effects_are_both_named_at_a_rate() {
@@ -155,7 +155,7 @@ fn two_effects_are_both_named_at_a_rate() {
     assert!(named >= 7, "{named} of 12");
 }
 
-/// A drift to and fro that begins anywhere in every run: no law that all runs share.
+/// A session with a sinusoidal drift whose phase differs from run to run, so that no law is common to all runs.
 fn session_that_no_law_describes() -> formats::session::Session {
     let hidden = Truth { foreign: Some(Foreign::SinusoidalDrift), ..truth(vec![]) };
     session(&hidden, &Design::four_runs(), 7)
@@ -178,14 +178,14 @@ fn what_no_law_describes_gets_no_law() {
     assert_unexplained(&Options::default());
 }
 
-/// A dependence that no effect of the catalogue describes becomes a law: its site, what it depends on, and a formula;
-/// and what was held out confirms it.
+/// A dependence that no effect of the catalogue describes is found as a law, with its site, regressor and formula, and the held-out runs
+/// confirm it.
 #[test]
 fn laws_of_an_independent_generator_are_found() {
     law_is_found(Foreign::OneSidedTissue, "law.modulus.displacement");
 }
 
-/// As above, of a sensor that is not linear, of tissue that is damaged and of an image that is warped.
+/// Further laws: of a nonlinear sensor, of damaged tissue and of a warped image.
 #[test]
 #[ignore = "a minute of searches: cargo xtask test --all runs it"]
 fn further_laws_of_an_independent_generator_are_found() {
@@ -194,7 +194,7 @@ fn further_laws_of_an_independent_generator_are_found() {
     law_is_found(Foreign::ImageWarp, "law.shape.share");
 }
 
-/// Supports of the needle: something hard at the tip, and a guide 2 that is a sleeve.
+/// Laws of the needle's supports: a hard object at the tip, and a guide 2 that is a sleeve.
 #[test]
 fn further_supports_of_the_needle_are_found() {
     law_is_found(Foreign::HeldTip, "law.tip_support.");
@@ -211,7 +211,7 @@ fn law_is_found(foreign: Foreign, site: &str) {
     assert!(removed.is_none_or(|share| share > 0.8), "{foreign:?} {removed:?}");
 }
 
-/// One level held once: nothing to prove anything on, so nothing is named, and the limits state what to do.
+/// With a single hold no data can be held out: nothing is named, and the limits state remedies.
 #[test]
 fn a_session_that_cannot_serve_reports_its_limits() {
     let plan = LateralPlan {
@@ -232,12 +232,12 @@ fn a_session_that_cannot_serve_reports_its_limits() {
     );
 }
 
-/// No fit, size, score or margin depends on the held-out runs; a name may be refused for them, never given.
+/// No fit, size, score or threshold depends on the held-out runs: they may refuse a name, and change nothing else.
 #[test]
 fn held_out_runs_refuse_names_and_change_nothing_else() {
     let session = session(&truth(vec![("rig.friction", vec![0.1])]), &Design::four_runs(), 9);
     let plain = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
-    // Hysteresis of the force sensor, which follows the direction of motion too, takes no part of it.
+    // Hysteresis of the force sensor, which also follows the direction of motion, does not absorb the friction.
     let [low, high] = plain.effects[0].parameters["force_n"].ci95;
     assert!(low <= 0.1 && 0.1 <= high && high - low < 0.02, "{low} to {high}");
     let held_ids = plain.gap.as_ref().expect("a gap").heldout_runs.clone();
@@ -258,7 +258,7 @@ fn held_out_runs_refuse_names_and_change_nothing_else() {
     assert_eq!((plain.verdict, spoilt.verdict), (Verdict::Named, Verdict::Unexplained));
 }
 
-/// The augmented model explains the session, and the file holds it.
+/// The model with the effect explains the session, and the model file contains it.
 #[test]
 fn a_model_with_the_effect_is_adequate() {
     let session = session(&truth(vec![("tissue.relaxation", vec![0.35, 1.5])]), &Design::four_runs(), 10);
@@ -290,7 +290,8 @@ fn noise_is_estimated_from_the_scatter() {
     assert!((Noise::of(&runs, &stated).shape.sd() / 30e-6 - 1.0).abs() < 1e-6);
 }
 
-/// A fast sensor's readings are averaged in cells; its stated deviation is that of one of them, and what averages out is no error that lasts.
+/// The readings of a fast sensor are averaged in cells. The stated noise is that of a single reading, and noise that averages out is not
+/// taken for a lasting error.
 #[test]
 fn a_stated_deviation_is_that_of_single_readings_at_any_rate() {
     for rate_hz in [20.0, 100.0, 200.0] {
@@ -308,7 +309,7 @@ fn a_stated_deviation_is_that_of_single_readings_at_any_rate() {
             let ratio = sensor.reading_sd() / stated.expect("stated");
             assert!((0.9..1.25).contains(&ratio), "{rate_hz} Hz: {ratio}");
         }
-        // A statement five times too large is taken for an error that does not scatter.
+        // The excess of a stated noise five times too large is taken for an error that does not scatter.
         let stated = formats::session::Noise {
             force_n: session.noise.force_n.map(|sd_n| 5.0 * sd_n),
             ..session.noise
@@ -319,7 +320,7 @@ fn a_stated_deviation_is_that_of_single_readings_at_any_rate() {
     }
 }
 
-/// A tracker's points at one place are one datum, with the noise of a mean; a stated deviation is that of one of them.
+/// The points of a tracker at one place are one datum with the noise of their mean; the stated noise is that of a single point.
 #[test]
 fn a_trackers_points_at_one_place_are_one_datum() {
     const TIMES: usize = 40;
@@ -334,14 +335,14 @@ fn a_trackers_points_at_one_place_are_one_datum() {
         shape.y_m.iter_mut().chain(shape.x_m.iter_mut().flatten()).for_each(|u| *u += SD_M * added.normal());
     }
     let (runs, _) = runs_of(&session).expect("runs");
-    // More noise has fewer points that are taken as misread.
+    // With more noise fewer points are outliers.
     let [count, plain_count] =
         [&runs, &plain].map(|runs| runs.iter().map(|run| run.data.len()).sum::<usize>());
     let ratio = count as f64 / plain_count as f64;
     assert!((0.95..1.05).contains(&ratio), "{ratio}");
     session.noise.shape_m = None;
     let noise = Noise::of(&runs, &session.noise);
-    // The deviation of each place before it was repeated is in all of its points.
+    // All points at a place share its original noise.
     let expected_m = 24.7e-6_f64.hypot(SD_M / (TIMES as f64).sqrt());
     assert!((noise.shape.sd() / expected_m - 1.0).abs() < 0.2, "{noise:?}, expected {expected_m}");
     let stated = formats::session::Noise { shape_m: Some(0.3e-3), ..session.noise };
@@ -349,7 +350,7 @@ fn a_trackers_points_at_one_place_are_one_datum() {
     assert!((Noise::of(&runs, &stated).shape.sd() / of_mean_m - 1.0).abs() < 0.05);
 }
 
-/// An effect that two sessions share, even without a name, is no effect of one of them; a difference is.
+/// An effect that both sessions share, even one without a name, is not reported as a difference between them.
 #[test]
 fn beside_a_reference_only_what_differs_is_named() {
     let shared =
@@ -410,7 +411,7 @@ fn session_with_a_wave() -> formats::session::Session {
     session
 }
 
-/// A pattern that is the same in every sweep is misfit, not noise; so is a scatter that is not stated.
+/// A pattern that is the same in every sweep is misfit, not noise; and a scatter above the stated noise gives a warning.
 #[test]
 fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
     let session = session_with_a_wave();
@@ -436,7 +437,7 @@ fn a_wave_that_repeats_is_a_law_with_its_period() {
     assert!(low < 8.0 && high > 8.0 && high - low < 0.2, "{period:?}");
 }
 
-/// A model file may state of every imperfection whose size is found how large it is, and of nothing else.
+/// The imperfections that a model file may state are those whose sizes are estimated.
 #[test]
 fn imperfections_of_a_model_file_are_those_of_the_fits() {
     let design = Design { insertion: Design::insertions().insertion, ..Design::nine_runs() };
@@ -455,7 +456,7 @@ fn imperfections_of_a_model_file_are_those_of_the_fits() {
     let missing: Vec<_> = expected.filter(|name| !names.contains(name)).collect();
     assert!(missing.is_empty(), "{missing:?}");
 
-    // A rig of which more is known to be off determines the modulus less well.
+    // A rig with larger known imperfections determines the modulus less precisely.
     let wider = start(&DISCREPANCY_NAMES.iter().map(|name| ((*name).to_owned(), 5.0)).collect());
     assert!(wider.fitted.sd(0) > 1.2 * plain.fitted.sd(0));
     assert!(wider.patterns.groups.iter().all(|group| group.multiple == 5.0 || group.tail.is_none()));

@@ -55,7 +55,7 @@ pub fn two_layers(
         None => springs,
     };
     let layout = single_modulus.fitted.layout.with(layers);
-    // From large sizes the fit would stay where the discrepancy explains everything.
+    // If the fit started at large sizes, the discrepancy would continue to explain everything.
     let everyday = single_modulus.patterns.everyday();
     let sizes: Vec<f64> =
         single_modulus.fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
@@ -74,7 +74,7 @@ pub fn two_layers(
         .collect();
     fits.retain(|fit| !fit.at_bound.contains(&true));
     fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    // Starts that lead to the same end are one.
+    // Fits that have converged to the same values are the same.
     let mut ends: Vec<Fitted> = Vec::new();
     for fit in fits {
         if !ends.iter().any(|end| end.is_at(&fit)) {
@@ -82,24 +82,25 @@ pub fn two_layers(
         }
     }
     let best = ends.first().ok_or(FitError::Undetermined)?;
-    let boundary_parameter = layout.first_of(layout.effects.len().saturating_sub(1));
+    let ratio_parameter = layout.first_of(layout.effects.len().saturating_sub(1));
     let lower_pa = mixed(&ends, |fit| {
         let variance = fit.covariance[(0, 0)]
-            + 2.0 * fit.covariance[(0, boundary_parameter)]
-            + fit.covariance[(boundary_parameter, boundary_parameter)];
-        (fit.values()[0] + fit.values()[boundary_parameter], variance.max(0.0).sqrt())
+            + 2.0 * fit.covariance[(0, ratio_parameter)]
+            + fit.covariance[(ratio_parameter, ratio_parameter)];
+        (fit.values()[0] + fit.values()[ratio_parameter], variance.max(0.0).sqrt())
     })?;
     Ok(TwoLayers {
         upper_pa: mixed(&ends, |fit| moments_of(fit, 0))?,
         lower_pa,
-        ratio: mixed(&ends, |fit| moments_of(fit, boundary_parameter))?,
-        boundary_mm: mixed(&ends, |fit| moments_of(fit, boundary_parameter + 1))?,
+        ratio: mixed(&ends, |fit| moments_of(fit, ratio_parameter))?,
+        boundary_mm: mixed(&ends, |fit| moments_of(fit, ratio_parameter + 1))?,
         log_evidence: best.log_evidence,
         log_evidence_gain: best.log_evidence - single_modulus.fitted.log_evidence,
     })
 }
 
-/// Value of a logarithm in the likeliest fit, and the interval over all of them: moduli, ratio and boundary are logarithms inside the fits.
+/// Value of a quantity in the fit with the largest evidence, and its interval over all fits. Moduli, ratio and boundary are logarithms inside
+/// the fits, and are returned in their own units.
 fn mixed(fits: &[Fitted], moments: impl Fn(&Fitted) -> (f64, f64)) -> Result<Interval, FitError> {
     let best = fits.first().ok_or(FitError::Undetermined)?;
     let weighted_moments = fits.iter().map(|fit| {

@@ -5,7 +5,7 @@ use mechanics::Support;
 use modulus::walls::WallsResult;
 
 impl Diagnosis {
-    /// With what the walls of the tissue may do to its Young's moduli, and the note that says so.
+    /// Widens the intervals of Young's moduli by the possible effect of the tissue's walls, and adds a note about it.
     pub(super) fn with_walls(mut self, walls: WallsResult) -> Self {
         let walls =
             walls.beside(self.effects.iter().chain(&self.given_effects).map(|found| found.id.as_str()));
@@ -15,7 +15,7 @@ impl Diagnosis {
         if of_half_space.is_some() {
             self.warnings.extend(walls.note(of_half_space));
         }
-        // On springs the mean and that of the reference are K.
+        // On springs the mean modulus and the modulus of the reference are K, which does not depend on the walls.
         let is_body = foundation.used == Support::half_space(0.5).name();
         let mean = self.mean_modulus.as_mut().filter(|_| is_body).map(|mean| &mut mean.modulus_kpa);
         let reference = self.reference.as_mut().filter(|_| is_body).map(|one| &mut one.modulus_kpa);

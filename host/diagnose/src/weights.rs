@@ -1,9 +1,9 @@
-//! Probabilities of models (theory, eq. 65).
+//! Weights of models (theory, eq. 64).
 //!
 //! A model is a foundation, springs or a body, and a set of effects. Its weight is its evidence times its prior, which has
 //! three parts. The prior probability that some effect of the catalogue is missing equals that of none, and all effects that
 //! the runs can show have equal parts of it. A missing law outside the catalogue has prior odds `LAW_ODDS`, in equal parts for
-//! all laws of the grammar. Springs and a body are equally probable, except for the preference for the simpler model. A set of
+//! all laws that the runs can show. A body has prior odds of `exp(-FOUNDATION_MARGIN)` over springs, the simpler model. A set of
 //! effects has no further penalty, and no effect has a rule of its own.
 //!
 //! If the model is complete, the Bayes factor of any effect has mean 1, whatever the noise. By Markov's inequality, effects
@@ -19,10 +19,11 @@ pub(super) use ::discrepancy::weights::{
     stated_ln_odds,
 };
 
-/// Odds beforehand that what a session lacks is a law without a name. Laboratories find effects that nobody had thought of in perhaps one
-/// of ten setups; Markov's bound above makes that one false law in two hundred sessions.
+/// Prior odds that a law outside the catalogue is missing. Laboratories find effects that nobody had thought of in perhaps one of ten setups;
+/// by Markov's bound above there is then at most one false law in two hundred sessions.
 const LAW_ODDS: f64 = 0.1;
-/// A parameter that cannot be on one side of its neutral value has all of its prior on the other.
+/// Correction of the log evidence of an effect with one-sided parameters: the prior of such a parameter has all of its mass on one side of the
+/// neutral value, that is, twice the density of the normal prior of the fits.
 pub(super) fn one_sided(effect: &dyn Effect) -> f64 {
     let sides = effect.parameters().iter().filter(|info| info.nodes.is_empty() && !info.is_two_sided());
     sides.count() as f64 * std::f64::consts::LN_2
@@ -48,7 +49,7 @@ impl ModelPrior {
         if effect.is_unnamed() { (LAW_ODDS / self.laws as f64).ln() } else { -(self.names as f64).ln() }
     }
 
-    /// Log evidence from which on a single effect is named.
+    /// Smallest log evidence of a single effect that is named.
     pub fn needed(&self) -> f64 {
         (self.names as f64).ln() + stated_ln_odds()
     }

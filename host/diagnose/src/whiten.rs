@@ -1,6 +1,6 @@
 //! Whitening of the residuals of one run (theory, eq. 59).
 //!
-//! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few
+//! The covariance of a run's data has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few
 //! low-rank terms: the position of guide 2 in a hold has the error of the mean of its readings, which changes force and shape
 //! of that hold together; the zero of a tip sensor, and the position of an imaged shape along the needle, are uncertain; and
 //! rounding of a shape causes a common error where the needle is straight ([`rounding`]). With `C = L L^T + V V^T` and the
@@ -17,21 +17,23 @@ use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
-/// Step of the difference that gives the slope of the needle.
+/// Step of the numerical derivative of the deflection along the needle.
 const SLOPE_STEP_M: f64 = 1e-4;
-/// Correlations over more memories than this are none.
+/// Correlations over more correlation times than this are neglected.
 const REACH: f64 = 8.0;
 
 /// Transformation that makes a run's residuals independent.
 #[derive(Debug, Clone)]
 pub(super) struct Whitener {
-    /// Range of a block, and the lower triangle of its factor, row after row, with the inverse of the diagonal.
+    /// Range of each block, and the lower triangle of its Cholesky factor, row after row, with the diagonal inverted.
     blocks: Vec<(Range<usize>, Vec<f64>)>,
+    /// `U` of the module's description.
     patterns: DMatrix<f64>,
+    /// `1 - 1/sqrt(1 + s^2)` for each column of `patterns`.
     shrink: DVector<f64>,
 }
 
-/// Effect of a displacement of guide 2, per plane: force and shape of the plain model.
+/// Force and shape of the plain model per unit displacement of guide 2, in each plane.
 struct Slopes {
     force_n_per_m: [f64; 2],
     shape: Vec<[f64; 2]>,
@@ -138,7 +140,7 @@ impl Whitener {
     }
 }
 
-/// An application as the processor can: it is compiled for each kind of them.
+/// Whitening that is compiled for several instruction sets; the processor's own is chosen at run time.
 struct Application<'a> {
     whitener: &'a Whitener,
     residuals: &'a mut [f64],
@@ -153,7 +155,7 @@ impl WithSimd for Application<'_> {
     }
 }
 
-/// Sum of products: in lanes, so that no sum waits for the one before.
+/// Scalar product, in independent lanes so that the additions do not wait for each other.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
@@ -179,12 +181,12 @@ fn slopes(run: &Run, model: &Model) -> Result<Slopes, ModelError> {
     })
 }
 
-/// Covariance of the sensors' noise among numbers of one channel.
+/// Covariance of the sensors' noise for data of one channel.
 fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMatrix<f64> {
     let data = &run.data[range];
     let n = data.len();
     let plane = data.first().map_or(0, |d| d.channel.plane());
-    let read = noise.displacement.white + noise.displacement.correlated;
+    let reading_variance = noise.displacement.white + noise.displacement.correlated;
     DMatrix::from_fn(n, n, |i, j| {
         if j > i {
             return 0.0;
@@ -208,10 +210,10 @@ fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMat
                 if i == j {
                     covariance += noise.force.white / a.len() as f64;
                 }
-                // Forces follow a course of guide 2 that is known as well as its readings are.
-                let followed: f64 =
+                // The error of the trajectory of guide 2 between holds changes the forces.
+                let window_covariance: f64 =
                     run.cells.windows[plane].iter().map(|window| window.covariance_of(a, b)).sum();
-                covariance += slopes.force_n_per_m[plane].powi(2) * read * followed;
+                covariance += slopes.force_n_per_m[plane].powi(2) * reading_variance * window_covariance;
                 covariance
             }
             (Source::Shape(_), Source::Shape(_)) => {
@@ -245,7 +247,7 @@ fn along_line(sensor: &super::noise::Sensor, apart_m: f64, same: bool) -> f64 {
     sensor.covariance(apart_m) + sensor.lasting + if same { sensor.white } else { 0.0 }
 }
 
-/// Patterns that move many numbers together, one standard deviation of each.
+/// Patterns of shared errors, each for one standard deviation: position of guide 2 in holds, zero of a tip sensor.
 fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
     let mut patterns = Vec::new();
     match &run.experiment {
@@ -295,7 +297,7 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
     patterns
 }
 
-/// Effect of one standard deviation of the positions' error that all points of a shape share; empty if none is stated.
+/// Pattern of the error of the positions that all points of a shape share, for one standard deviation; `None` if it is not stated.
 fn shared_positions(run: &Run, model: &Model) -> Result<Option<Vec<f64>>, ModelError> {
     if run.z_shared_sd_m.iter().all(|sd_m| *sd_m == 0.0) {
         return Ok(None);
@@ -323,7 +325,7 @@ fn shared_positions(run: &Run, model: &Model) -> Result<Option<Vec<f64>>, ModelE
     Ok(Some(run.data.iter().zip(upper_values.into_iter().zip(lower_values)).map(moved).collect()))
 }
 
-/// Effect of one standard deviation of each error of the deflections that all points of a shape share; empty if none is
+/// Patterns of the errors of the deflections that all points of a shape share, each for one standard deviation; none if they are not
 /// stated.
 fn shared_deflections(run: &Run) -> impl Iterator<Item = Vec<f64>> {
     let planes = (0..2).flat_map(|plane| (0..SHARED_ERRORS).map(move |error| (plane, error)));
@@ -342,7 +344,7 @@ fn shared_deflections(run: &Run) -> impl Iterator<Item = Vec<f64>> {
         .filter(|pattern: &Vec<f64>| pattern.iter().any(|value| *value != 0.0))
 }
 
-/// Readings of a hold and its length.
+/// Number of cells of a hold, and its length in seconds.
 fn hold_size(run: &Run, part: usize) -> (usize, f64) {
     let of_hold = || run.cells.time_s.iter().zip(&run.cells.hold).filter(|(_, hold)| **hold == Some(part));
     let length_s = of_hold().next_back().zip(of_hold().next()).map_or(0.0, |((b, _), (a, _))| b - a);

@@ -1,4 +1,4 @@
-//! The models of a diagnosis, fitted to all runs of a session, including those with held-out parts in the search.
+//! Fits of the models of a diagnosis to all runs of a session, including the data that were held out in the search.
 //!
 //! After the search the held-out data carry information about the modulus like all other readings. So a diagnosis states the
 //! same modulus as [`fit_with_discrepancy`](super::fit_with_discrepancy) for the same runs and model. The weights of the models
@@ -23,7 +23,7 @@ pub(super) struct Whole {
     springs: Start,
 }
 
-/// Everything of a diagnosis that states values, with the runs to which it was fitted.
+/// The fits of a diagnosis from which values are reported.
 pub(super) struct Stated {
     pub start: Start,
     pub final_fit: Fitted,
@@ -52,7 +52,7 @@ impl Whole {
     /// The final models, fitted to all runs.
     ///
     /// # Errors
-    /// Where a model of it does not fit all runs.
+    /// If a model cannot be fitted to all runs.
     pub fn stated(
         self,
         of_training: &Stated,
@@ -85,7 +85,7 @@ impl Whole {
         Ok(Stated { start, final_fit, averaged, beside: other_models, foundation })
     }
 
-    /// A model fitted to all runs from where it is.
+    /// A model fitted to all runs, starting at its present values.
     fn refitted(&self, fit: &Fitted) -> Result<Fitted, FitError> {
         let sizes = if fit.sizes.len() == self.springs.patterns.groups.len() {
             fit.sizes.clone()
@@ -95,14 +95,14 @@ impl Whole {
         self.near(fit, &self.springs.patterns, &sizes)
     }
 
-    /// The same with the discrepancy around itself.
+    /// The same with the discrepancy's patterns computed around the model.
     fn around_itself(&self, fit: &Fitted, multiples: &Multiples) -> Result<Fitted, DiagnoseError> {
         let patterns = patterns(&self.layout_of(fit), fit.values(), &self.springs.runs, multiples)?;
         let refitted = self.near(fit, &patterns, &patterns.everyday())?;
         Ok(refitted.over_sizes(&patterns).with_evidence_of(fit))
     }
 
-    /// A fit to all runs that has not left the place of another one; else that place.
+    /// A fit to all runs if it has converged near the values of another fit; otherwise the model with those values.
     fn near(&self, fit: &Fitted, patterns: &Patterns, sizes: &[f64]) -> Result<Fitted, FitError> {
         let layout = self.layout_of(fit);
         let fitted = |rounds| Fitted::new(&layout, &self.springs.runs, patterns, fit.values(), sizes, rounds);

@@ -1,5 +1,4 @@
-//! A session in which a person switches effects on and off. Each time the model is fitted again, by the same steps as in the
-//! search.
+//! Workbench in which a user switches effects on and off. The model is fitted again each time, by the same steps as in the search.
 //!
 //! The criteria of the search do not apply: any effect can be tried, and the result states its evidence.
 
@@ -27,7 +26,7 @@ pub struct Workbench {
     judge: Judge,
     noise: Noise,
     seed: u64,
-    /// Fits by the ids of their effects, with their log evidence over the start.
+    /// Fits, and their log evidence over the start, by the ids of their effects.
     tried: BTreeMap<Vec<&'static str>, (Fitted, f64)>,
 }
 
@@ -42,7 +41,7 @@ pub struct Trial {
     pub modulus_kpa: Estimate,
     /// Log evidence over the starting model.
     pub log_evidence_gain: f64,
-    /// Misfit on the training runs, of the starting model and of this one.
+    /// Misfit on the training data, of the starting model and of this one.
     pub learned: [Misfit; 2],
     /// Misfit on held-out data; `None` without such data.
     pub held_out: Option<HeldOutMisfit>,
@@ -59,7 +58,7 @@ pub struct TrialEffect {
     pub parameters: BTreeMap<&'static str, Estimate>,
 }
 
-/// Measured less predicted of one reading, or mean of readings.
+/// Residual of a reading or of a mean of readings, measured less predicted.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrialPoint {
     /// The run.
@@ -72,17 +71,17 @@ pub struct TrialPoint {
     pub depth_mm: f64,
     /// Displacement of guide 2 along the axis of the run.
     pub displacement_mm: f64,
-    /// Under the starting model.
+    /// Residual under the starting model.
     pub before: f64,
-    /// Under this model.
+    /// Residual under this model.
     pub after: f64,
     /// Standard deviation of the value by noise alone.
     pub noise_sd: f64,
 }
 
 impl Workbench {
-    /// Fits the starting model to a session. With [`FoundationChoice::Auto`] the tissue is springs: the choice by evidence is that of
-    /// [`super::diagnose`]. A reference is ignored.
+    /// Fits the starting model to a session. With [`FoundationChoice::Auto`] the foundation is springs; only [`super::diagnose`] chooses
+    /// by evidence. A reference is ignored.
     ///
     /// # Errors
     /// [`DiagnoseError`] where nothing can be fitted.

@@ -19,7 +19,7 @@ use formats::session::Session;
 use mechanics::effects::Effect;
 use modulus::walls::WallsResult;
 
-/// The whole workflow; `beside` computes something more from the starting model that was chosen.
+/// The whole workflow. `beside` computes a further result from the chosen starting model.
 pub(super) fn workflow<T>(
     session: &Session,
     options: &Options,
@@ -60,8 +60,8 @@ pub(super) fn workflow<T>(
     let more = beside(&start)?;
     let search_result = found.around_itself(&start, &judge, &multiples);
     let (search_result, is_stated_wrong) = search_result.with_names_of_stated(&start, &judge)?;
-    // If the rig has changed since it was characterized, model and measurement disagree by that: it is part of the gap,
-    // and no name is needed for what is in the model already.
+    // If the rig has changed since it was characterized, the misfit before is that with the known values. The change needs no name,
+    // because its effect is in the model already.
     let as_known = match as_known {
         Some(known) => Some(known.beside(&start)?),
         None if is_stated_wrong => Some(start.as_stated()?),
@@ -82,12 +82,12 @@ pub(super) fn workflow<T>(
     let Start { runs: prepared, patterns, fitted: start } = start;
     let adequacy_after = Adequacy::of(&search_result.fitted, &prepared, &patterns)?;
 
-    on_progress("the runs that were held out are compared");
+    on_progress("the models are compared on the held-out runs");
     let gap_of_found = judge.gap(&compared, &search_result.fitted, options.seed)?;
-    // A misfit that the reference has too is no gap between them.
+    // With a reference the held-out misfit is not judged, because the reference may have it too.
     let judged = gap_of_found.as_ref().filter(|_| options.reference.is_none());
     let verdict = verdict(&search_result, is_adequate, judged);
-    // A misfit that moves the modulus beyond its interval is not usual, however smooth it is.
+    // A misfit that changes the modulus by more than its interval is not adequate, even if it is within usual imperfections.
     let is_unexplained = verdict == Verdict::Adequate
         && Remaining::of(&adequacy_before, &start, &patterns, None).size == RemainingSize::Large;
     let verdict = if is_unexplained { Verdict::Unexplained } else { verdict };
@@ -120,7 +120,9 @@ pub(super) fn workflow<T>(
             .and_then(|whole| whole.stated(&stated, is_named, &multiples));
         match of_all {
             Ok(of_all) => stated = of_all,
-            Err(why) => warnings.push(format!("values are without what was held out: {why}")),
+            Err(why) => {
+                warnings.push(format!("the values are those of fits without the held-out data: {why}"))
+            }
         }
     }
     let on_springs = OnSprings::of(&stated.start, &stated.averaged, &stated.beside)?;
@@ -146,7 +148,7 @@ pub(super) fn workflow<T>(
     let mut result =
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
     if verdict == Verdict::Adequate && disagreement.is_none() {
-        // Imperfections no larger than their prior allows explain them.
+        // Imperfections within the limits of their priors explain these regions.
         result.regions.clear();
     }
     result.left =
@@ -158,7 +160,7 @@ pub(super) fn workflow<T>(
             Some(report.sources(&stated.start.runs, &stated.start.patterns).draws(&result, draws)?);
     }
     if !options.plans.is_empty() {
-        on_progress("what further runs would tell is computed");
+        on_progress("the expected information of further runs is computed");
         result.prospects = Some(report.foreseen(&stated.start.runs, &stated.start.patterns)?);
     }
     let walls =
@@ -166,7 +168,7 @@ pub(super) fn workflow<T>(
     Ok((result.with_walls(walls), more))
 }
 
-/// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
+/// Greatest depth that the runs have reached: of lateral runs if there are any, otherwise of insertions.
 fn touched_m(runs: &[Run]) -> f64 {
     let [lateral, _] = kinds(runs);
     runs.iter()
@@ -175,7 +177,7 @@ fn touched_m(runs: &[Run]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// No effect is named that leaves the larger part of the held-out misfit.
+/// The verdict. No effect is named that leaves more than half of the held-out misfit.
 fn verdict(found: &Found, is_adequate: bool, gap: Option<&HeldOutMisfit>) -> Verdict {
     let removed = gap.and_then(|gap| gap.removed);
     match found.members.is_empty() {

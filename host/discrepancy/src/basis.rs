@@ -1,9 +1,9 @@
-//! The discrepancy of every model: small smooth functions of every regressor at every site, and offsets of single runs.
+//! The discrepancy that every model has: small smooth functions of every regressor at every site, and offsets of single runs.
 //!
-//! The null hypothesis has to contain a small counterpart of every law that may be found, because otherwise small true laws
-//! would be found everywhere. The counterpart of the laws of a regressor is a sum of `cos(k pi x)` with amplitudes that fall as
-//! `1 / k`, the spectrum of functions with kinks and jumps. Its scale is that of its effect on the channels, in units of their
-//! standard deviations, and maximizes the evidence.
+//! The null hypothesis has to contain a small counterpart of every law, because no model is exact and small true laws would
+//! otherwise be named everywhere. The counterpart of the laws of a regressor is a sum of `cos(k pi x)` with amplitudes that fall
+//! as `1 / k`, the spectrum of functions with jumps. Its size, the effect on the channels in units of their standard
+//! deviations, maximizes the evidence.
 
 use super::bench::{Bench, Law, rms};
 use super::evidence::Group;
@@ -13,11 +13,12 @@ use super::model::Error;
 use super::score::{ALL_ELIMINATED, no_covariance};
 use nalgebra::{DMatrix, DVector};
 
-/// Cosines of one regressor: the shortest of them has a quarter of the range from peak to trough to peak, an eighth of the range is a kink.
+/// Number of cosines of one regressor: the period of the shortest is a quarter of the range.
 const FUNCTIONS: u8 = 8;
-/// A size above the everyday one is half-normal with half of it as standard deviation: 95 % of sizes are below twice the stated one.
+/// The prior of a size above the everyday one is half-normal with half of it as standard deviation: 95 % of these sizes are below
+/// twice the everyday one.
 const TAIL: f64 = 0.5;
-/// A size below it is log-normal: 95 % of those are above a twentieth.
+/// The prior of a size below the everyday one is log-normal: 95 % of these sizes are above a twentieth of it.
 const SMALLER_SD_LN: f64 = 1.5;
 
 /// Offsets of runs in the discrepancy.
@@ -28,13 +29,14 @@ enum Offsets {
 }
 
 impl Offsets {
-    /// In a single run an offset of the run is a constant law: held-out runs tell whether it is one.
+    /// If only one run is fitted, an offset of the run and a constant law are the same function, and held-out runs decide whether
+    /// there is a law. Therefore the basis of the search then has no offsets.
     fn of_search(bench: &Bench<'_>) -> Self {
         if bench.training.len() > 1 { Self::Everyday } else { Self::None }
     }
 }
 
-/// Functions in the unit of the residuals; noise has not been made independent.
+/// Basis functions of the discrepancy in the unit of the residuals, before whitening.
 pub(crate) struct Basis {
     pub groups: Vec<Group>,
     /// Site and regressor of each group; `None` for the offsets of runs.
@@ -44,7 +46,8 @@ pub(crate) struct Basis {
     pub shared: Vec<DMatrix<f64>>,
     /// For each run, readings by its own offsets, all in the last group.
     pub own: Vec<DMatrix<f64>>,
-    /// Amounts by which numbers of a fit (rows) are mistaken where a function (columns) was taken off for what they can do.
+    /// Error of each parameter of a fit (rows) per unit of each basis function (columns), by the part of the function that was
+    /// projected out.
     absorbed: DMatrix<f64>,
 }
 
@@ -62,7 +65,7 @@ impl Basis {
         Self::new(bench, &[], start, everyday, offsets)
     }
 
-    /// Around laws with these values, with effects of this size in the scale of the channels as everyday ones.
+    /// Basis around a model with these laws and parameter values; `everyday` is the typical size of every group.
     fn new(
         bench: &Bench<'_>,
         laws: &[Law],
@@ -124,11 +127,11 @@ impl Basis {
         Ok(Self { groups, sources, shared_groups, shared, own: offsets.collect(), absorbed })
     }
 
-    /// Basis around a fit for the search, with the directions of the model's parameters projected out. The small counterpart of
-    /// a law that was found stays in the basis, because otherwise the law would be found again wherever it is small.
+    /// Basis around a fit for the search, with the directions of the model's parameters projected out. The directions of the laws
+    /// are not projected out, because otherwise small remainders of a law would be found again as further laws.
     ///
     /// # Errors
-    /// Where the model fails for other reasons than these values, or the numbers have no covariance.
+    /// If the model fails for other reasons than these values, or the parameters have no covariance.
     pub fn of_search(bench: &Bench<'_>, fitted: &Fitted, everyday: f64) -> Result<Self, Error> {
         let offsets = Offsets::of_search(bench);
         let mut basis = Self::new(bench, &fitted.laws, &fitted.values, everyday, offsets)?;
@@ -140,15 +143,16 @@ impl Basis {
     /// have the values that predict best without the discrepancy. Here a run has its offset even if it is the only run.
     ///
     /// # Errors
-    /// Where the model fails for other reasons than these values, or the numbers have no covariance.
+    /// If the model fails for other reasons than these values, or the parameters have no covariance.
     pub fn of_values(bench: &Bench<'_>, fitted: &Fitted, everyday: f64) -> Result<Self, Error> {
         let mut basis = Self::new(bench, &fitted.laws, &fitted.values, everyday, Offsets::Everyday)?;
         basis.take_off(bench, fitted, fitted.values.len())?;
         Ok(basis)
     }
 
-    /// Takes off the functions what the first numbers of a fit can do, as far as the data determine these numbers better than their priors do
-    /// (Plumlee, "Bayesian calibration of inexact computer models", J. Am. Stat. Assoc. 112:1274, 2017).
+    /// Projects the sensitivities to the first `numbers` parameters of a fit out of the basis functions, as far as the data determine
+    /// these parameters better than their priors do (Plumlee, "Bayesian calibration of inexact computer models", J. Am. Stat. Assoc.
+    /// 112:1274, 2017).
     fn take_off(&mut self, bench: &Bench<'_>, fitted: &Fitted, numbers: usize) -> Result<(), Error> {
         let coordinates = bench.coordinates(&fitted.laws);
         let noise = rms(fitted.residuals.iter().cloned()).max(f64::MIN_POSITIVE);
@@ -177,8 +181,8 @@ impl Basis {
         Ok(())
     }
 
-    /// Covariance of the discrepancy that the parameters absorb, for functions of these scales: the value that predicts best
-    /// differs from the true one by the absorbed part.
+    /// Covariance of the parameters' errors by the discrepancy that they absorb, for groups of these sizes: the value that predicts
+    /// best differs from the true one by the absorbed part.
     pub fn covariance_of_absorbed(&self, sizes: &[f64]) -> DMatrix<f64> {
         let mut scaled = self.absorbed.clone();
         for (mut column, group) in scaled.column_iter_mut().zip(&self.shared_groups) {
@@ -187,7 +191,8 @@ impl Basis {
         &scaled * scaled.transpose()
     }
 
-    /// Makes the effect of each group of functions on the channels one where its size is one; a group of which nothing is left stays as it is.
+    /// Scales every group of functions so that size 1 has effect 1 on the channels; a group that was projected out entirely stays as
+    /// it is.
     fn normalise(&mut self) {
         for group in 0..self.groups.len() {
             let of_group = self.shared_groups.iter().enumerate().filter(|(_, one)| **one == group);
@@ -214,7 +219,7 @@ impl Basis {
         self.groups.iter().map(|group| group.everyday).fold(0.0, f64::max)
     }
 
-    /// Typical scales of all groups.
+    /// Typical sizes of all groups.
     pub fn everyday(&self) -> Vec<f64> {
         self.groups.iter().map(|group| group.everyday).collect()
     }

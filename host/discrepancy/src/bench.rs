@@ -11,11 +11,11 @@ use super::term::{Ranges, Term, Terms};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Effect of a probing law on a channel, in its scale: small enough to be linear, large beside rounding.
+/// Effect of a probing law on the channels, in units of their scales: small enough to be linear, large relative to rounding.
 const PROBE_EFFECT: f64 = 1e-3;
 const MAX_PROBES: usize = 40;
 
-/// A law that may act: where, on what, in what form, and how large its amplitudes may be.
+/// A law that may act: its site, its regressor, its form and range, and the priors of its amplitudes.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Law {
     pub site: usize,
@@ -57,7 +57,7 @@ pub(crate) struct Bench<'a> {
     pub data: &'a Data,
     pub training: Vec<Prepared<'a>>,
     pub held_out: Vec<Prepared<'a>>,
-    /// Scale of each channel.
+    /// Scale of each channel: its standard deviation around its mean.
     pub scales: Vec<f64>,
     /// Ranges of the regressors of each site.
     pub spans: Vec<Vec<Span>>,
@@ -82,7 +82,7 @@ impl<'a> Bench<'a> {
         Ok(bench)
     }
 
-    /// Ranges of all regressors: as declared, of the data, or as the model states them.
+    /// Ranges of all regressors: as declared, else of the data, else of the values that the model passes.
     fn find_spans(&self, start: &[f64]) -> Result<Vec<Vec<Span>>, Error> {
         let ranges = Ranges::default();
         for prepared in &self.training {
@@ -96,7 +96,7 @@ impl<'a> Bench<'a> {
         Ok(spans)
     }
 
-    /// Range of one regressor; `ranges` are those that the model stated.
+    /// Range of one regressor; `ranges` are those of the values that the model passed.
     fn span(&self, site: &Site, regressor: &Regressor, ranges: &Ranges) -> Result<Span, Error> {
         let [least, most] = match (regressor.range, &site.adds_to) {
             (Some(range), _) => range,
@@ -131,7 +131,7 @@ impl<'a> Bench<'a> {
         distance / count.max(1) as f64
     }
 
-    /// The amplitude of a constant at a site that is small and changes something.
+    /// The amplitude of a constant at a site that changes some channel by about [`PROBE_EFFECT`].
     fn probe(&self, site: &Site, start: &[f64]) -> Result<f64, Error> {
         if let Some(channel) = &site.adds_to {
             let channels = self.data.channels().iter().zip(&self.scales);
@@ -177,7 +177,7 @@ impl<'a> Bench<'a> {
                 least: whole[0],
                 most: whole[1],
             });
-            // A fraction of the range of a shape: uniform, with the moments of a uniform distribution.
+            // The shape is a fraction of its range: its normal prior has the moments of a uniform distribution.
             let sd = 12f64.sqrt().recip();
             let shape = law.shape().map(|_| Coordinate { mean: 0.5, sd, least: 0.0, most: 1.0 });
             amplitudes.chain(shape).collect::<Vec<_>>()
@@ -269,7 +269,7 @@ impl<'a> Bench<'a> {
         Ok(channels)
     }
 
-    /// Number of the channel to which the workflow adds a term; nothing where the model evaluates it.
+    /// Number of the channel to which the workflow adds a term; `None` if the model evaluates the term.
     fn channel_of(&self, term: &Term, run: &Run) -> Option<usize> {
         let site = self.model.sites().iter().find(|site| site.name == term.site)?;
         run.channels.iter().position(|channel| Some(&channel.name) == site.adds_to.as_ref())
@@ -312,8 +312,8 @@ impl<'a> Bench<'a> {
     }
 
     /// Derivative of the predictions with respect to the amplitudes of a law, given the laws already in the model: one matrix
-    /// per run, with a column per amplitude. `plain` are the residuals without the law. The result is empty if the model has no
-    /// prediction with it.
+    /// per run, with a column per amplitude. `plain` are the residuals without the law. `None` if the model has no prediction
+    /// with the law.
     pub fn columns(
         &self,
         law: &Law,
@@ -347,7 +347,8 @@ impl<'a> Bench<'a> {
         Ok(Some(columns))
     }
 
-    /// The amplitude with which a law is probed: its largest value is that of the constant which probes its site.
+    /// Step of an amplitude for the numerical derivative: the largest value of the law is then that of the constant that probes its
+    /// site.
     fn step(&self, law: &Law, amplitude: usize, shape: Option<f64>) -> f64 {
         let probe = self.probes.get(law.site).copied().unwrap_or(PROBE_EFFECT);
         let Span { from, to, .. } = law.span;

@@ -3,7 +3,7 @@
 use super::model::ModelFailure;
 use serde::{Deserialize, Serialize};
 
-/// Readings of a channel that a fit needs at least.
+/// Smallest number of readings of a channel that a fit needs.
 const MIN_READINGS: usize = 16;
 
 /// Values of one sensor in a run.
@@ -80,9 +80,9 @@ pub const TIME: &str = "time_s";
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DataError {
     /// No run can be fitted.
-    #[error("there is no run to fit: {0}; at least one run must not judge")]
+    #[error("there is no run to fit: {0}; at least one run must not be held out")]
     NoRuns(&'static str),
-    /// A run is unlike the first.
+    /// A run has other channels or columns than the first.
     #[error("run {run}: its {what} are {found}, those of run {first} {expected}")]
     Unlike {
         /// Name of the run.
@@ -146,7 +146,7 @@ pub enum DataError {
     },
 }
 
-/// Runs that were found to be usable.
+/// Runs that have passed the checks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Data {
     runs: Vec<Run>,
@@ -163,7 +163,7 @@ impl Data {
             return Err(DataError::NoRuns("they have no channel"));
         }
         if runs.iter().all(|run| run.judges) {
-            return Err(DataError::NoRuns("all of them judge"));
+            return Err(DataError::NoRuns("all of them are held out"));
         }
         for run in &runs {
             check_names(run, first)?;
@@ -192,7 +192,7 @@ impl Data {
         self.runs.iter().filter(|run| !run.judges)
     }
 
-    /// The runs that judge.
+    /// The runs that are held out.
     pub fn held_out(&self) -> impl Iterator<Item = &Run> {
         self.runs.iter().filter(|run| run.judges)
     }
@@ -211,7 +211,7 @@ impl Data {
     }
 }
 
-/// Readings of a channel that are there.
+/// Readings of a channel, without the missing ones.
 fn readings(run: &Run, channel: usize) -> impl Iterator<Item = f64> {
     let values = run.channels.get(channel).map_or(&[][..], |channel| channel.values.as_slice());
     values.iter().copied().filter(|value| value.is_finite())

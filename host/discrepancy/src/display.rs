@@ -4,10 +4,10 @@ use super::regions::Region;
 use super::report::{Estimate, LawName, Misfit, PartReport, Report, Verdict};
 use std::fmt::{Display, Formatter, Result};
 
-/// Refused laws and regions that are listed.
+/// Largest number of refused laws, and of regions, that are listed.
 const LISTED: usize = 6;
 
-/// A number to three digits more than its standard deviation has.
+/// A number with as many decimals as show two digits of its standard deviation.
 struct Number<'a>(&'a Estimate);
 
 impl Display for Number<'_> {

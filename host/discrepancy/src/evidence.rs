@@ -1,4 +1,4 @@
-//! Evidence of a model with a discrepancy, which is part of the covariance (theory, eq. 60 and 61).
+//! Evidence of a model with a discrepancy that is part of the covariance (theory, eq. 60 and 61).
 //!
 //! Whitened data of all runs: `r = J d + Phi a + e`, `e ~ N(0, I)`, `d ~ N(m, I)` the parameters in units of their priors, and
 //! `a_j ~ N(0, s_g^2)` the amplitudes of the discrepancy's basis functions ([`Patterns`]). The functions of a group g share one
@@ -7,9 +7,9 @@
 //!
 //! `-ln Z = (r'^T r' - b^T L M^-1 L b) / 2 + ln det(M) / 2 - ln p(s)`
 //!
-//! and its derivative by `ln s_g` is the sum of `1 - (M^-1)_jj - (M^-1 L b)_j^2` over the functions of the group. The functions
-//! of single runs are eliminated run by run before the shared ones (Schur complement), so that the work grows linearly with the
-//! number of runs.
+//! and its derivative with respect to `ln s_g` is, without the prior, the sum of `1 - (M^-1)_jj - (M^-1 L b)_j^2` over the
+//! functions of the group. The functions of single runs are eliminated run by run before the shared ones (Schur complement), so
+//! that the work grows linearly with the number of runs.
 //!
 //! Kennedy and O'Hagan, "Bayesian calibration of computer models" (2001); Brynjarsdottir and O'Hagan, "Learning about physical
 //! parameters: the importance of model discrepancy" (2014).
@@ -28,7 +28,7 @@ pub use inverse::Inverse;
 use factor::{inverse_root, ln_diagonal, take_off_products};
 use nalgebra::{DMatrix, DVector, Dyn, Matrix, StorageMut};
 
-/// No size is smaller than this share of its everyday one: it has no influence there.
+/// Smallest size, as a fraction of the everyday one: smaller sizes have no influence on the evidence.
 const MIN_SHARE: f64 = 1e-4;
 
 /// Basis functions whose amplitudes share one standard deviation, the size of the group.
@@ -36,7 +36,7 @@ const MIN_SHARE: f64 = 1e-4;
 pub struct Group {
     /// Name of the imperfection or tolerance.
     pub name: &'static str,
-    /// Typical size: that of an ordinary experiment, in the unit of the basis functions.
+    /// Typical size in an ordinary experiment, in units of the basis functions.
     pub everyday: f64,
     /// Standard deviation of the prior of a size above the typical one, in typical sizes; `None` for a known size.
     pub tail: Option<f64>,
@@ -47,7 +47,7 @@ pub struct Group {
 }
 
 impl Group {
-    /// Minus the logarithm of the prior of a size, and its derivative by the logarithm of the size.
+    /// Minus the logarithm of the prior of a size, and its derivative with respect to the logarithm of the size.
     fn minus_ln_prior(&self, size: f64) -> (f64, f64) {
         let Some(tail) = self.tail else { return (0.0, 0.0) };
         let ratio = size / self.everyday;
@@ -61,7 +61,7 @@ impl Group {
     }
 }
 
-/// Size of each pattern by its group; 0 where none is stated.
+/// Size of each pattern, which is that of its group; 0 for a group without a size.
 fn sizes_of(groups: &[usize], sizes: &[f64]) -> DVector<f64> {
     let sizes = groups.iter().map(|group| sizes.get(*group).copied().unwrap_or(0.0));
     DVector::from_iterator(groups.len(), sizes)
@@ -91,19 +91,18 @@ pub struct RunPatterns {
     pub own: DMatrix<f64>,
     /// Readings by shared functions.
     pub shared: DMatrix<f64>,
-    /// Patterns of these that the run shows at all: runs of another kind have others.
+    /// Numbers of the shared patterns that are not zero in this run: runs of different kinds show different ones.
     shown: Vec<usize>,
-    /// The patterns by the readings: products with a transpose go by scalar products, those with a transposed copy by blocks, several times
-    /// faster.
+    /// Patterns by readings: a matrix product with a transposed copy is several times faster than one with a transposed view.
     own_transposed: DMatrix<f64>,
     shared_transposed: DMatrix<f64>,
     own_gram: DMatrix<f64>,
-    /// Patterns of this run by shared ones that it shows.
+    /// Scalar products of this run's patterns with the shared ones that it shows.
     own_by_shown: DMatrix<f64>,
 }
 
 impl RunPatterns {
-    /// Eliminates the whitened functions of this run alone.
+    /// Basis functions of a run, whitened, with their scalar products.
     pub fn new(own_groups: Vec<usize>, own: DMatrix<f64>, shared: DMatrix<f64>) -> Self {
         let own_transposed = own.transpose();
         let shown: Vec<usize> =
@@ -114,7 +113,7 @@ impl RunPatterns {
         Self { own_gram, own_by_shown, own_groups, own, shared, shown, own_transposed, shared_transposed }
     }
 
-    /// Columns of this run's eliminated unknowns among shared patterns (so many) and columns (so many) behind them.
+    /// Columns of the joint normal matrix that this run contributes to; the matrix has `shared` patterns followed by `columns` columns.
     fn places(&self, shared: usize, columns: usize) -> Vec<usize> {
         self.shown.iter().copied().chain(shared..shared + columns).collect()
     }
@@ -136,7 +135,7 @@ impl Patterns {
         Self::new(Vec::new(), Vec::new(), runs.collect())
     }
 
-    /// Only the groups of known size, which are stated tolerances; the others have size 0.
+    /// The same patterns with only the groups of known size, which are stated tolerances; the others have size 0.
     pub fn of_known_size(&self) -> Self {
         let mut of_known_sizes = self.clone();
         for group in of_known_sizes.groups.iter_mut().filter(|group| group.tail.is_some()) {
@@ -161,7 +160,7 @@ impl Patterns {
         };
         for (run, columns) in self.runs.iter().zip(columns) {
             if count == 1 {
-                // A product of matrices would first copy the patterns in another order.
+                // For a single column a matrix-vector product avoids the copy that a matrix product would make.
                 let column = columns.column(0);
                 products.own.push(DMatrix::from_columns(&[&run.own_transposed * column]));
                 products.shared.column_mut(0).gemv(1.0, &run.shared_transposed, &column, 1.0);
@@ -194,13 +193,13 @@ impl Patterns {
         of_noise + of_runs.sum::<f64>() + of_shared.iter().map(|sd| sd * sd).sum::<f64>()
     }
 
-    /// Product `S^-1 c` with a column (one part per run), for functions of these sizes.
+    /// Product `S^-1 c` of the inverse covariance with a column (one part per run), for groups of these sizes.
     pub fn less_patterns(&self, sizes: &[f64], column: &[Vec<f64>]) -> Option<Vec<DVector<f64>>> {
         Some(self.inverse(sizes)?.of_column(column))
     }
 
-    /// Expected value of the shared discrepancy in the last run, given the others: `Phi diag(s^2) Phi^T c` for columns c of the
-    /// others.
+    /// Expected value of the shared discrepancy in the last run, given the others: `Phi_last diag(s^2) Phi_others^T c` for `c = S^-1 r` of
+    /// the others.
     pub fn expected_in_last(&self, sizes: &[f64], others: &[DVector<f64>]) -> Option<DVector<f64>> {
         let (last, earlier_runs) = self.runs.split_last()?;
         let mut amplitudes = DVector::zeros(self.shared_groups.len());
@@ -213,7 +212,7 @@ impl Patterns {
         Some(&last.shared * amplitudes)
     }
 
-    /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.
+    /// Minus the logarithm of the prior of sizes, and its derivatives with respect to their logarithms.
     pub fn size_prior(&self, sizes: &[f64]) -> (f64, Vec<f64>) {
         let priors: Vec<(f64, f64)> =
             self.groups.iter().zip(sizes).map(|(group, size)| group.minus_ln_prior(*size)).collect();
@@ -225,8 +224,8 @@ impl Patterns {
     fn reduced(&self, sizes: &[f64], products: &Products, parameters: usize) -> Option<Reduced> {
         let shared = self.shared_groups.len();
         let columns = products.among.ncols();
-        let own_side = shared + columns;
-        let mut normal_matrix = DMatrix::zeros(own_side, own_side);
+        let side = shared + columns;
+        let mut normal_matrix = DMatrix::zeros(side, side);
         let shared_sizes = sizes_of(&self.shared_groups, sizes);
         for i in 0..shared {
             for j in 0..=i {
@@ -278,12 +277,11 @@ impl Patterns {
         matrix.fill_upper_triangle_with_lower_triangle();
         let factor = matrix.cholesky()?;
         half_ln_determinant += ln_diagonal(&factor);
-        let right = normal_matrix.view((kept_count, 0), (own_side - kept_count, kept_count)).transpose();
+        let right = normal_matrix.view((kept_count, 0), (side - kept_count, kept_count)).transpose();
         let root = inverse_root(&factor);
         let solved = &root * &right;
-        let mut reduced_matrix = normal_matrix
-            .view((kept_count, kept_count), (own_side - kept_count, own_side - kept_count))
-            .into_owned();
+        let mut reduced_matrix =
+            normal_matrix.view((kept_count, kept_count), (side - kept_count, side - kept_count)).into_owned();
         reduced_matrix.gemm_tr(-1.0, &solved, &solved, 1.0);
         reduced_matrix.fill_upper_triangle_with_lower_triangle();
         Some(Reduced { half_ln_determinant, runs, root, right, solved, rest: reduced_matrix })
@@ -295,7 +293,7 @@ impl Patterns {
         Some(self.evidence_of(sizes, &self.reduced_beside_residuals(sizes, products)?))
     }
 
-    /// The patterns eliminated together with all columns but the last, the residuals.
+    /// Elimination of the patterns and of all columns but the last, which has the residuals.
     fn reduced_beside_residuals(&self, sizes: &[f64], products: &Products) -> Option<Reduced> {
         self.reduced(sizes, products, products.among.ncols().checked_sub(1)?)
     }
@@ -315,7 +313,7 @@ impl Patterns {
             let places = run.places(shared, parameters);
             let by_places = upper.columns(0, places.len());
             let own_right = upper.column(upper.ncols() - 1) - by_places * amplitudes.select_rows(&places);
-            // Products of the run's patterns with the remaining ones, in the space of the factor of these.
+            // Root of that part of the covariance of the run's amplitudes that comes from the shared amplitudes and the parameters.
             let cross_products = root.select_columns(&places) * by_places.transpose();
             for (j, group) in run.own_groups.iter().enumerate() {
                 let variance = own_root.column(j).norm_squared() + cross_products.column(j).norm_squared();
@@ -339,7 +337,7 @@ impl Patterns {
         }
     }
 
-    /// Groups whose sizes are not known.
+    /// Groups whose sizes are unknown.
     fn free(&self) -> Vec<usize> {
         (0..self.groups.len()).filter(|group| self.groups[*group].tail.is_some()).collect()
     }
@@ -377,17 +375,17 @@ pub struct Products {
     pub among: DMatrix<f64>,
 }
 
-/// Equations after elimination of the patterns.
+/// Normal equations after elimination of the patterns.
 struct Reduced {
     half_ln_determinant: f64,
-    /// Inverse of the factor, and right-hand sides (in the factor's space), of every run's own patterns: shared patterns that the run
-    /// shows, columns.
+    /// For the patterns of every run alone: inverse of the Cholesky factor, and the right-hand sides multiplied by it, for the shared
+    /// patterns that the run shows and for the columns.
     runs: Vec<(DMatrix<f64>, DMatrix<f64>)>,
-    /// Inverse of the factor of the shared patterns and parameters.
+    /// Inverse of the Cholesky factor of the shared patterns and parameters.
     root: DMatrix<f64>,
     /// Their right-hand sides: one column for each of the remaining columns.
     right: DMatrix<f64>,
-    /// The same in the factor's space.
+    /// The right-hand sides multiplied by `root`.
     solved: DMatrix<f64>,
     /// Scalar products of the remaining columns in the metric.
     rest: DMatrix<f64>,
@@ -398,15 +396,15 @@ struct Reduced {
 pub struct Evidence {
     /// Minus the logarithm of the evidence, including the prior of the sizes.
     pub minus_ln: f64,
-    /// Half the logarithm of the determinant of `M`, a term of it.
+    /// Half the logarithm of the determinant of `M`, a term of `minus_ln`.
     pub half_ln_determinant: f64,
-    /// Minus the logarithm of the prior of the sizes, another term.
+    /// Minus the logarithm of the prior of the sizes, another term of `minus_ln`.
     pub size_prior: f64,
-    /// Its derivative with respect to the logarithms of the sizes.
+    /// Derivative of `minus_ln` with respect to the logarithms of the sizes.
     pub gradient: Vec<f64>,
     /// Posterior mean of the parameters, relative to the prior means and in units of the priors' standard deviations.
     pub mean: DVector<f64>,
-    /// Their posterior covariance.
+    /// Posterior covariance of the parameters, in the same units.
     pub covariance: DMatrix<f64>,
 }
 

@@ -1,8 +1,8 @@
 //! Joint fit of a set of laws: parameters, noise, sizes of the discrepancy, and the evidence.
 //!
-//! Gauss and Newton's method in the metric of noise and discrepancy. Every iteration maximizes the evidence of the linearised
-//! model over sizes and noise, then takes a step that is halved until the objective falls. At the end Laplace's method gives
-//! the evidence.
+//! The method is Gauss-Newton in the metric of noise and discrepancy. Every iteration maximizes the evidence of the linearised
+//! model over sizes and noise, then takes a step that is halved until the objective does not grow. At the end Laplace's method
+//! gives the evidence.
 
 use super::basis::Basis;
 use super::bench::{Bench, Coordinate, Law};
@@ -11,20 +11,21 @@ use super::model::Error;
 use super::noise::{Noise, likeliest, whiten};
 use nalgebra::{DMatrix, DVector};
 
-/// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
+/// A fit has converged once a step is shorter than this, in posterior standard deviations.
 const SETTLED_SD: f64 = 0.05;
 /// Longest step, in standard deviations of the priors.
 const MAX_STEP_SD: f64 = 1.2;
 const MAX_HALVINGS: usize = 8;
 const MAX_ROUNDS: usize = 20;
-/// Rounds in which noise and sizes are found again; later ones refine the parameters alone.
+/// First rounds in which noise and sizes are estimated again; later rounds refine the parameters alone, except for the last one.
 const ROUNDS_OF_NOISE: usize = 4;
-/// Steps of differences: of the prior's standard deviation at first, then of the posterior's.
+/// Steps of the numerical derivatives: in prior standard deviations in the first round, then in posterior ones, with a lower limit in
+/// prior ones.
 const FIRST_STEP: f64 = 1e-4;
 const STEP: f64 = 0.05;
 const MIN_STEP: f64 = 1e-7;
-/// Shortest memory of a correlated noise, in distances of readings, and longest, as a fraction of a run: neither shorter nor longer ones
-/// differ from white noise and from an offset of the run.
+/// Shortest memory of the correlated noise, in distances of readings, and longest, as a fraction of a run: a shorter one does not differ
+/// from white noise, and a longer one not from an offset of the run.
 const SHORTEST_MEMORY: f64 = 1.0;
 const LONGEST_MEMORY: f64 = 0.25;
 
@@ -43,7 +44,7 @@ pub(crate) struct Fitted {
     pub settled: bool,
 }
 
-/// Patterns and products once the noise is independent.
+/// Whitened patterns, their products with the columns, and the sum of the logarithms of the noise's standard deviations.
 struct Whitened {
     patterns: Patterns,
     products: Products,
@@ -59,7 +60,7 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    /// Start at the prior means, with noise as large as the residuals.
+    /// Start at the prior means, with noise of about a third of each channel's scale.
     pub fn plain(bench: &Bench<'_>, basis: &Basis) -> Self {
         let values = bench.coordinates(&[]).iter().map(|coordinate| coordinate.mean).collect();
         let noises = memories(bench).into_iter().map(|[shortest_s, longest_s]| Noise {
@@ -75,7 +76,7 @@ fn duration(times: &[f64]) -> f64 {
     times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first)
 }
 
-/// The range of memories of each channel's noise.
+/// Range of the memory of each channel's noise.
 fn memories(bench: &Bench<'_>) -> Vec<[f64; 2]> {
     (0..bench.scales.len())
         .map(|channel| {
@@ -93,7 +94,8 @@ fn memories(bench: &Bench<'_>) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Whitened patterns, and products of columns (one matrix per run) with them.
+/// Whitened patterns, products of columns (one matrix per run) with them, and the sum of the logarithms of the standard deviations by
+/// which whitening divides.
 pub(crate) fn whitened(
     bench: &Bench<'_>,
     basis: &Basis,
@@ -127,7 +129,7 @@ struct Point {
 }
 
 impl Point {
-    /// One value moved to another, and the residuals there; the point itself where the model has no prediction there.
+    /// The residuals with another value of one parameter, and this value; those of the point itself if the model has no prediction there.
     fn moved(
         &self,
         bench: &Bench<'_>,
@@ -145,7 +147,7 @@ impl Point {
     }
 }
 
-/// Sensitivities in units of the priors, and the residuals of the prior means as far as the linearisation goes behind them.
+/// Sensitivities in units of the priors, and in the last column the residuals at the prior means according to the linearised model.
 fn columns(coordinates: &[Coordinate], point: &Point, jacobian: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
     let count = coordinates.len();
     jacobian
@@ -165,7 +167,7 @@ fn columns(coordinates: &[Coordinate], point: &Point, jacobian: &[DMatrix<f64>])
         .collect()
 }
 
-/// Squares of the residuals in the metric and of the distances from the prior means.
+/// Sum of the squared residuals in the metric and of the squared distances from the prior means.
 fn squares(
     bench: &Bench<'_>,
     basis: &Basis,
@@ -187,7 +189,7 @@ fn squares(
     Some(misfit + standardised.map(|distance| distance.powi(2)).sum::<f64>())
 }
 
-/// Derivatives of the predictions by all numbers, central where the range allows it.
+/// Derivatives of the predictions with respect to all parameters, by central differences where the range allows it.
 fn jacobian(
     bench: &Bench<'_>,
     laws: &[Law],
@@ -228,7 +230,7 @@ impl Fitted {
     /// Fits laws.
     ///
     /// # Errors
-    /// If the model has no prediction at the start, or the data determine no parameter.
+    /// If the model has no prediction at the start, or a covariance has no factor.
     pub fn new(bench: &Bench<'_>, basis: &Basis, laws: &[Law], start: &Start) -> Result<Self, Error> {
         let coordinates = bench.coordinates(laws);
         let values: Vec<f64> = start
@@ -298,7 +300,7 @@ impl Fitted {
     }
 }
 
-/// Finds sizes and noise again for the linearised model.
+/// Estimates sizes and noise again for the linearised model.
 fn improve(bench: &Bench<'_>, basis: &Basis, columns: &[DMatrix<f64>], start: &mut Start) {
     let (patterns, products, _) = whitened(bench, basis, &start.noises, columns);
     start.sizes = patterns.likeliest_sizes(&start.sizes, &products);
@@ -308,7 +310,7 @@ fn improve(bench: &Bench<'_>, basis: &Basis, columns: &[DMatrix<f64>], start: &m
     });
 }
 
-/// The step to the likeliest point of the linearised model, within the ranges and shortened where it is long.
+/// The step to the most probable point of the linearised model, clipped to the ranges, and shortened if it is longer than [`MAX_STEP_SD`].
 fn step(coordinates: &[Coordinate], values: &[f64], evidence: &Evidence) -> Vec<f64> {
     let numbers = coordinates.iter().zip(values).zip(evidence.mean.iter());
     let full_step: Vec<f64> = numbers.map(|((one, value), mean)| one.mean + one.sd * mean - value).collect();
@@ -323,7 +325,7 @@ fn step(coordinates: &[Coordinate], values: &[f64], evidence: &Evidence) -> Vec<
         .collect()
 }
 
-/// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.
+/// The point after the step, its half, its quarter and so on: the first at which the objective does not grow; `None` if there is none.
 fn descend(
     bench: &Bench<'_>,
     basis: &Basis,

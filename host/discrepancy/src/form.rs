@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use statrs::function::erf::erf;
 
-/// Lengths of the grid on which a shape is searched.
+/// Number of values of a shape that the search evaluates.
 const GRID: usize = 8;
 
 /// A function of one regressor.
@@ -36,10 +36,10 @@ pub enum Form {
     Decay,
     /// `a sin(2 pi x / period) + b cos(2 pi x / period)`: cogging, a run-out.
     Sine,
-    /// `a z / width` with `z` following `x` within `-width` and `width`: a bristle or an elastoplastic contact; on a position with
-    /// `a = -width` it is play.
+    /// `a z / width`, where `z` follows `x` and stays between `-width` and `width`: a bristle or an elastoplastic contact; on a
+    /// position with `a = -width` it is play.
     Bristle,
-    /// `a cos(k pi (x - from) / (to - from))`: a function of the discrepancy, no law of its own.
+    /// `a cos(k pi (x - from) / (to - from))`: a basis function of the discrepancy; the search does not try it as a law.
     #[serde(skip)]
     Cosine(u8),
 }
@@ -93,7 +93,7 @@ impl Span {
         Self { from, to, resolution: 0.0, step: 0.0 }
     }
 
-    /// Whether it has values of both signs, each side larger than the resolution and than a twentieth of the other side.
+    /// Whether it contains values of both signs, where each side is longer than the resolution and than a twentieth of the other side.
     pub fn has_both_signs(&self) -> bool {
         let (negative, positive) = (-self.from, self.to);
         negative.min(positive) > self.resolution.max(0.05 * negative.max(positive))
@@ -103,7 +103,7 @@ impl Span {
         self.to - self.from
     }
 
-    /// Expected sign of a value that is known to within the resolution.
+    /// Expected sign of a true value, given a reading with normal error of the resolution.
     fn sign(&self, x: f64) -> f64 {
         match self.resolution {
             e if e > 0.0 => erf(x / (std::f64::consts::SQRT_2 * e)),
@@ -114,7 +114,7 @@ impl Span {
 }
 
 impl Form {
-    /// All forms of the dictionary.
+    /// All forms that the search tries.
     pub const ALL: [Self; 12] = [
         Self::Constant,
         Self::Proportional,
@@ -192,8 +192,8 @@ impl Form {
         self == Self::Bristle
     }
 
-    /// The even part `(f(x) + f(-x)) / 2` of a function of unit amplitude, which acts as an offset. A constant is purely even.
-    /// If the regressor has one sign only, no other form has an even part.
+    /// The even part `(f(x) + f(-x)) / 2` of a function of unit amplitude, which acts as an offset. A constant is even. For a
+    /// regressor of one sign the even part of all other forms is taken as zero.
     pub fn even_part(self, amplitude: usize, x: f64, shape: f64, span: &Span) -> f64 {
         match self {
             Self::Constant => 1.0,
@@ -205,7 +205,7 @@ impl Form {
         }
     }
 
-    /// Whether the form differs from all others over values of this range: a form with a sign needs values of both signs.
+    /// Whether the form differs from all others over this range: a form with a sign or an absolute value needs values of both signs.
     pub fn applies_to(self, span: &Span) -> bool {
         match self {
             Self::Sign | Self::Asymmetry | Self::SignedSquare => span.has_both_signs(),
@@ -217,18 +217,18 @@ impl Form {
     pub fn shape(self, span: &Span) -> Option<Shape> {
         let length = span.length();
         let scale = if span.has_both_signs() { span.to.abs().max(span.from.abs()) } else { length };
-        // Steps and levels in the outer tenths act on too little to be told from an end.
+        // A level in the outer tenths acts on too few values to be identifiable.
         let level_range = [span.from + 0.1 * length, span.to - 0.1 * length];
         let (name, least, most) = match self {
             Self::AboveLevel | Self::BelowLevel | Self::Step => {
                 return Some(Shape { name: "level", range: level_range, is_logarithmic: false });
             }
-            // Shorter ones act on a fiftieth of the values, longer ones are a constant and a slope.
+            // A shorter decay acts on less than a fiftieth of the values; a longer one resembles a constant and a slope.
             Self::Decay => ("length", scale / 50.0, scale / 2.0),
-            // Within the step of a reading a bristle has slipped: such a one is a jump. Without a known step a run has about so many readings in a stroke.
+            // A bristle narrower than the step between readings acts as a jump. If the step is unknown, 200 readings per range are assumed.
             Self::Bristle if span.step > 0.0 => ("width", span.step, length / 4.0),
             Self::Bristle => ("width", length / 200.0, length / 4.0),
-            // A period that is not seen twice is a smooth function like any other.
+            // A sine with fewer than two periods in the range does not differ from other smooth functions.
             Self::Sine => ("period", length / 10.0, length / 2.0),
             _ => return None,
         };
@@ -260,7 +260,7 @@ impl Form {
         }
     }
 
-    /// Adds the law over a whole series. A history begins at its first value.
+    /// Adds the law over a whole series. A bristle is relaxed at the first value.
     pub fn add(self, values: &[f64], x: &[f64], span: &Span, sum: &mut [f64]) {
         let amplitudes = self.amplitudes().len();
         let shape = values.get(amplitudes).copied().unwrap_or(1.0);
@@ -315,7 +315,7 @@ mod tests {
     fn forms_of_two_sides_need_both() {
         let one_sided = Span::between(0.0, 1.0);
         assert!(!Form::Sign.applies_to(&one_sided) && Form::Sign.applies_to(&SPAN));
-        // A toe begins at the least value.
+        // A toe region begins at the least value.
         assert_eq!(Form::Decay.value(0, 0.0, 0.1, &one_sided), 1.0);
     }
 
@@ -326,7 +326,7 @@ mod tests {
         for form in [Form::Sign, Form::Proportional, Form::SignedSquare, Form::Decay, Form::Bristle] {
             assert_eq!(even(form, 1.5), 0.0, "{}", form.name());
         }
-        // A step is an offset of half of it and, beyond its level, half a sign.
+        // The even part of a step is half of it beyond its level on either side, and zero between.
         assert_eq!((even(Form::Step, 1.5), even(Form::Step, 0.25)), (0.5, 0.0));
         assert_eq!(even(Form::AboveLevel, -1.5), 0.5);
         assert_eq!(Form::Square.even_part(0, 0.5, 0.0, &Span::between(0.0, 1.0)), 0.0);

@@ -1,19 +1,19 @@
 //! Test of a law on held-out runs: whether it reduces their misfit significantly.
 //!
-//! Two models that were fitted to the other runs predict the held-out ones in two ways: whole runs, and one reading ahead,
-//! given the residuals of earlier readings within the memory of the model's noise (Dawid, "Present position and potential
+//! Two models that were fitted to the other runs predict the held-out runs in two ways: as whole runs, and one reading ahead, given
+//! the residuals of the earlier readings and the correlation of the model's noise (Dawid, "Present position and potential
 //! developments: the prequential approach", J. R. Stat. Soc. A 147:278, 1984). Both are needed. The errors of whole runs are
-//! strongly correlated, so that a thousand readings may be worth five; but a constant is visible in whole runs only, not in a
-//! single step. A better model has smaller errors of both kinds, and one of them significantly so; the smaller of the two
-//! p-values is doubled (Bonferroni).
+//! strongly correlated, so that a thousand readings may be worth five independent ones; but a constant shows in whole runs only,
+//! not one reading ahead. A better model has smaller errors of both kinds, one of them significantly smaller; the smaller of the
+//! two p-values is doubled (Bonferroni).
 //!
 //! The difference of the squared errors is a sum over readings of the difference of the two predictions, which is known, times
 //! the mean of the two errors, which is random. The autocovariance of these errors is that of the model's own errors over whole
 //! runs, up to its first negative value (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci. 7:473, 1992). It contains the
 //! noise alone if the model is right, and half of the difference of the two models if both are equally far from the truth.
-//! Student's t test, with the effective number of independent readings, decides whether the difference is zero (Vuong,
-//! Econometrica 57:307, 1989). A variance of the differences themselves would count a law that acts twice in a run as two
-//! readings, however many readings confirm it.
+//! Student's t test, with the effective number of independent readings, decides whether the difference is significant (Vuong,
+//! Econometrica 57:307, 1989). With the variance of the differences themselves, a law that acts twice in a run would count as
+//! two readings, however many readings confirm it.
 
 use super::bench::Bench;
 use super::fit::Fitted;
@@ -29,13 +29,13 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 pub struct Judgement {
     /// Relative reduction of the squared error of whole runs, compared with the other model; negative for an increase.
     pub gain: f64,
-    /// Its standard deviation by chance.
+    /// Standard deviation of `gain`.
     pub gain_sd: f64,
     /// The relative reduction for predictions one reading ahead.
     pub gain_one_ahead: f64,
     /// Effective number of independent readings in the held-out runs, in the decisive test.
     pub effective_readings: f64,
-    /// p-value of these reductions if the model is no better.
+    /// p-value of the reductions under the hypothesis that the model is no better.
     pub p: f64,
 }
 
@@ -46,7 +46,7 @@ impl Judgement {
     }
 }
 
-/// Residuals of the held-out runs; nothing where the model cannot predict one.
+/// Residuals of the held-out runs; `None` if the model has no prediction of a run.
 pub(crate) fn held_out_residuals(
     bench: &Bench<'_>,
     fitted: &Fitted,
@@ -65,17 +65,17 @@ pub(crate) struct HeldOutErrors {
     one_ahead: Vec<Vec<f64>>,
 }
 
-/// Errors of a model; nothing where no run judges or the model cannot predict one.
+/// Errors of a model; `None` if no run is held out, or the model has no prediction of a run.
 pub(crate) fn errors(bench: &Bench<'_>, fitted: &Fitted) -> Result<Option<HeldOutErrors>, Error> {
     if bench.held_out.is_empty() {
         return Ok(None);
     }
     let Some(residuals) = held_out_residuals(bench, fitted)? else { return Ok(None) };
-    let mut new = residuals.clone();
-    for (prepared, residuals) in bench.held_out.iter().zip(&mut new) {
+    let mut innovations = residuals.clone();
+    for (prepared, residuals) in bench.held_out.iter().zip(&mut innovations) {
         one_ahead(&prepared.segments, &fitted.noises, residuals);
     }
-    Ok(Some(HeldOutErrors { whole: series(bench, &residuals), one_ahead: series(bench, &new) }))
+    Ok(Some(HeldOutErrors { whole: series(bench, &residuals), one_ahead: series(bench, &innovations) }))
 }
 
 fn series(bench: &Bench<'_>, residuals: &[DVector<f64>]) -> Vec<Vec<f64>> {
@@ -89,16 +89,18 @@ fn series(bench: &Bench<'_>, residuals: &[DVector<f64>]) -> Vec<Vec<f64>> {
     series
 }
 
-/// Mean product of a series with itself so many readings later, times the fraction of readings that have a later one.
+/// Autocovariance of a series about zero at a lag, divided by the length of the series.
 fn mean_product(series: &[f64], lag: usize) -> f64 {
     series.iter().zip(series.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>() / series.len().max(1) as f64
 }
 
-/// Covariances of errors by their distance, and the number of independent readings. An error's mean over a run is a part of it: no model knows it.
+/// Autocovariances of errors up to the cut-off, and the effective number of independent readings. The mean of the errors over a run is not
+/// subtracted, because it is an error too.
 fn covariances(errors: &[f64]) -> (Vec<f64>, f64) {
     let count = errors.len() as f64;
     let mut covariances: Vec<f64> = Vec::new();
-    // Sums of neighbouring distances are positive for a stationary series and fall; noise of the estimate ends them.
+    // Sums over pairs of neighbouring lags are positive and decrease for a stationary series; they are cut off at the first pair that is
+    // not positive.
     let (mut sum, mut previous_pair) = (0.0, f64::INFINITY);
     while covariances.len() + 1 < errors.len() {
         let lag = covariances.len();
@@ -122,7 +124,7 @@ struct Comparison {
     p: f64,
 }
 
-/// Compares one model with another, channel by channel in units of the errors of the better one.
+/// Compares a model with another one; every series of errors is in units of the mean squared error of the better model.
 fn compare(other: &[Vec<f64>], model: &[Vec<f64>]) -> Comparison {
     let (mut sum, mut variance, mut effective, mut total) = (0.0, 0.0, 0.0, 0.0);
     for (other, model) in other.iter().zip(model) {
@@ -140,7 +142,7 @@ fn compare(other: &[Vec<f64>], model: &[Vec<f64>]) -> Comparison {
         let independent = of_lags.first().copied().unwrap_or(0.0);
         let of_variance: f64 = of_lags.iter().sum();
         sum += weights.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>();
-        // Cut off where it does, the sum may fall below what independent errors have.
+        // The sum that was cut off may be smaller than the variance for independent errors.
         variance += of_variance.max(independent);
         effective += of_effective;
         total += unit * mean_product(other, 0) * other.len() as f64;
@@ -174,7 +176,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// A series whose neighbours have this correlation.
+    /// A first-order autoregressive series with this correlation of neighbours.
     fn series(rng: &mut ChaCha8Rng, count: usize, correlation: f64) -> Vec<f64> {
         let mut value: f64 = StandardNormal.sample(rng);
         let innovation = (1.0 - correlation * correlation).sqrt();
@@ -195,7 +197,7 @@ mod tests {
         assert!(white > 3300.0 && (120.0..340.0).contains(&coloured), "{white} {coloured}");
     }
 
-    /// A model that is no better is confirmed in about five of a hundred.
+    /// A model that is no better is confirmed in about five of a hundred cases.
     #[test]
     fn equal_models_are_confirmed_as_rarely_as_stated() {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
@@ -207,7 +209,7 @@ mod tests {
         assert!((4..=40).contains(&confirmed), "{confirmed} of 400");
     }
 
-    /// Errors of two models that have these shares too little of a law that acts in two parts of a run.
+    /// Errors of two models, each of which lacks such a fraction of a law that acts in two parts of a run.
     fn rare(rng: &mut ChaCha8Rng, shares: [f64; 2], correlation: f64) -> [Vec<Vec<f64>>; 2] {
         let noise = series(rng, 500, correlation);
         shares.map(|share| {
@@ -225,7 +227,7 @@ mod tests {
         let [without, with] = rare(&mut rng, [1.0, 0.0], 0.5);
         let comparison = compare(&without, &with);
         assert!(comparison.p < 0.01, "{}", comparison.p);
-        // One model has too much of it, the other too little.
+        // One model has too much of the law, the other too little.
         for correlation in [0.0, 0.5, 0.9] {
             let mut confirmed = 0;
             for _ in 0..400 {

@@ -1,17 +1,18 @@
-//! Diagnosis of any forward model by measurements: the regions where both disagree, the law that is missing, and by how much it reduces the misfit.
+//! Diagnosis of any forward model by measurements: the regions where model and data disagree, the missing law, and the reduction of the
+//! misfit by that law.
 //!
-//! Four steps, which a laboratory would take by hand:
+//! The four steps are those that a laboratory would take by hand:
 //!
 //! | step | by |
 //! |---|---|
 //! | where do they differ? | regions in which the residuals exceed noise and small imperfections ([`Report::regions`]) |
-//! | what is missing? | a law is a site in the model, a regressor on which it depends, and a [`Form`]; every combination is scored, and the best are fitted |
+//! | what is missing? | a law consists of a site in the model, a regressor on which it depends, and a [`Form`]; every combination is scored, and the best are fitted |
 //! | add | sets of laws are weighted by their evidence; each law needs a probability of 95 %, and held-out runs have to confirm it |
 //! | by how much does the misfit shrink? | in the runs that were fitted and in those that were not |
 //!
-//! Residuals of real rigs are correlated in time, and no model is exact: every fit contains autocorrelated noise and small
-//! functions of every regressor, whose scales maximize the evidence. So intervals have their coverage, and no small background
-//! is named.
+//! Residuals of real rigs are correlated in time, and no model is exact: every fit contains autocorrelated noise, and a
+//! discrepancy of small functions of every regressor, whose sizes maximize the evidence. Therefore intervals have their coverage,
+//! and a small discrepancy is not named as a law.
 //!
 //! # Example
 //!
@@ -103,16 +104,16 @@ use bench::Bench;
 use fit::Fitted;
 use search::{Search, final_values, plain};
 
-/// Passes of the search: the second has the discrepancy around what the first has found.
+/// Passes of the search: in the second the discrepancy is computed around the model that the first has found.
 const PASSES: usize = 2;
 
 /// Settings of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Effect of each regressor that an adequate model may lack, as a fraction of the standard deviation of its channel. The
-    /// default of 1 % is that of ordinary sensors and drives.
+    /// Typical size of the discrepancy of an adequate model: the effect of each regressor on the channels, as a fraction of their
+    /// standard deviations. The default of 1 % is that of ordinary sensors and drives.
     pub everyday: f64,
-    /// Effects that are tried; if empty, all that the sites allow.
+    /// Laws that are tried; if empty, all that the sites allow.
     pub effects: Vec<Effect>,
 }
 

@@ -1,4 +1,4 @@
-//! Makes the document of a search.
+//! Assembles the report from the result of a search.
 
 use super::basis::Basis;
 use super::bench::{Bench, Law, Prepared};
@@ -42,7 +42,7 @@ pub(crate) fn law_name(bench: &Bench<'_>, law: &Law) -> LawName {
     }
 }
 
-/// A word of a formula with the regressor's name for `x`.
+/// A word of a formula with the regressor's name in place of `x`.
 fn named(word: &str, name: &str) -> String {
     let mut text = String::new();
     for (i, c) in word.char_indices() {
@@ -54,7 +54,7 @@ fn named(word: &str, name: &str) -> String {
     text
 }
 
-/// The unit of a number of a law.
+/// Unit of a parameter of a law.
 fn unit_of(bench: &Bench<'_>, law: &Law, number: usize) -> String {
     let Some(site) = bench.model.sites().get(law.site) else { return String::new() };
     let regressor = law.regressor.and_then(|number| site.regressors.get(number));
@@ -70,7 +70,7 @@ fn unit_of(bench: &Bench<'_>, law: &Law, number: usize) -> String {
     }
 }
 
-/// Position of the first number of a law among those of a fit.
+/// Position of the first parameter of a law among those of a fit.
 pub(crate) fn first_of(bench: &Bench<'_>, laws: &[Law], member: usize) -> usize {
     bench.model.parameters().len() + laws.iter().take(member).map(Law::len).sum::<usize>()
 }
@@ -125,7 +125,7 @@ pub(crate) fn models(found: &Found) -> Vec<(f64, &Fitted)> {
     models
 }
 
-/// Mean and variance over models of a quantity that has both in each.
+/// Mean and variance over the models of a quantity that has a mean and a variance in each model.
 pub(crate) fn moments(models: &[(f64, &Fitted)], quantity: impl Fn(&Fitted) -> (f64, f64)) -> (f64, f64) {
     let each: Vec<(f64, f64, f64)> = models
         .iter()
@@ -138,7 +138,7 @@ pub(crate) fn moments(models: &[(f64, &Fitted)], quantity: impl Fn(&Fitted) -> (
     (mean, each.iter().map(|(weight, value, variance)| weight * (variance + (value - mean).powi(2))).sum())
 }
 
-/// Moments of the model's parameters over the final model and its rivals.
+/// Estimates of the model's parameters, averaged over the final model and its rivals.
 fn parameter_reports(bench: &Bench<'_>, plain: &Fitted, found: &Found) -> Vec<ParameterReport> {
     let models = models(found);
     let reports = bench.model.parameters().iter().enumerate().map(|(number, parameter)| {
@@ -173,7 +173,7 @@ fn refused_reports(bench: &Bench<'_>, refused: &[Refused]) -> Vec<RefusedReport>
     reports
 }
 
-/// Root mean squares of residuals of a channel, in its unit, with those of what is measured.
+/// Root mean squares of a channel's residuals and of its measured values, in the channel's unit; `None` without runs.
 fn misfit(
     bench: &Bench<'_>,
     runs: &[Prepared<'_>],
@@ -214,7 +214,7 @@ fn channel_reports(bench: &Bench<'_>, plain: &Fitted, fitted: &Fitted) -> Result
     Ok(reports.collect())
 }
 
-/// The document of a search, with the discrepancy of the search and that of the final values.
+/// The report of a search; the two bases are those of the search and of the final values.
 pub(crate) fn report(
     bench: &Bench<'_>,
     [search_basis, basis]: [&Basis; 2],
@@ -223,7 +223,7 @@ pub(crate) fn report(
     candidates: usize,
 ) -> Result<Report, Error> {
     let fitted = &found.fitted;
-    // Both with the noise of the final model: that of the plain one holds what is missing.
+    // Both use the noise of the final model, because the noise of the plain model has absorbed part of the misfit.
     let plain_regions = regions(bench, search_basis, plain, &fitted.noises).ok_or_else(no_covariance)?;
     let remaining = regions(bench, basis, fitted, &fitted.noises).ok_or_else(no_covariance)?;
     let members = found.members.iter().enumerate();
@@ -241,7 +241,7 @@ pub(crate) fn report(
         notes.push("no run is held out: laws rest on the evidence alone".to_owned());
     }
     if !fitted.settled {
-        notes.push("the last fit has not come to its end: values and intervals are rough".to_owned());
+        notes.push("the last fit has not converged: values and intervals are approximate".to_owned());
     }
     let discrepancy = basis.sources.iter().zip(&fitted.sizes).map(|(source, size)| {
         let site = source.and_then(|(site, _)| bench.model.sites().get(site));

@@ -25,12 +25,12 @@ pub struct Parameter {
 /// A quantity on which a law at a site may depend.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Regressor {
-    /// Name: that of a column of the data if the workflow evaluates the law, else that which the model passes to the law.
+    /// Name: that of a column of the data if the workflow evaluates the law, else the name under which the model passes the values.
     pub name: String,
     /// Unit, for reports.
     #[serde(default)]
     pub unit: String,
-    /// Range of its values; `None`: the range of the values that the model passes.
+    /// Range of its values; `None` for the range of the data, or of the values that the model passes.
     #[serde(default)]
     pub range: Option<[f64; 2]>,
     /// Standard deviation of the error of its values.
@@ -106,7 +106,7 @@ pub trait ForwardModel: Sync {
         terms: &Terms<'_>,
     ) -> Result<Vec<Vec<f64>>, ModelFailure>;
 
-    /// Whether several threads gain by calling it at once.
+    /// Whether it is faster if several threads call it at once.
     fn is_parallel(&self) -> bool {
         true
     }
@@ -121,7 +121,7 @@ pub enum Error {
     /// An invalid declaration of parameters, sites or effects.
     #[error("{what} {name:?}: {problem}; expected {expected}")]
     Declaration {
-        /// Kind of what is declared.
+        /// Kind of the declaration.
         what: &'static str,
         /// Its name.
         name: String,

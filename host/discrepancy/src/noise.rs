@@ -2,17 +2,18 @@
 //!
 //! Readings are `y_i = f_i + x(t_i) + e_i` with independent `e_i` of variance `(1 - c) s^2 w_i^2` and a stationary process x of variance
 //! `c s^2` whose correlation falls as `exp(-|t| / m)`. Scale s, fraction c and memory m of every channel maximize the evidence,
-//! so that intervals have their coverage with autocorrelated residuals too. Whitening by Kalman's filter: linear in the number
-//! of readings, at any spacing (Kalman, 1960).
+//! so that intervals have their coverage with autocorrelated residuals too. A Kalman filter whitens the readings; its work is
+//! linear in their number, at any spacing (Kalman, 1960).
 
 use argmin::core::{CostFunction, Executor, State};
 use argmin::solver::neldermead::NelderMead;
 use nalgebra::{DMatrix, DVector};
 
-/// Rounds of the search for the noise, and the difference of log evidence at which it ends: a hundredth shows nowhere.
+/// Largest number of iterations of the search per channel, and the standard deviation of the objective over the simplex at which it
+/// ends: a hundredth of log evidence changes no result.
 const MAX_STEPS: u64 = 60;
 const MIN_DIFFERENCE: f64 = 0.01;
-/// Standard deviation of the prior of the logarithm of the odds of c: 95 % of it have c between 0.7 and 99.3 %.
+/// Standard deviation of the prior of the log odds of c: with 95 % probability c is between 0.7 and 99.3 %.
 const ODDS_SD: f64 = 2.5;
 
 /// Readings of one channel of a run, or means over blocks of them.
@@ -44,8 +45,8 @@ impl Noise {
     }
 }
 
-/// One reading of Kalman's filter: the share of the correlated noise that is left since the reading before, the gain, and the standard
-/// deviation of what is new in the reading.
+/// Update of the Kalman filter at one reading: the decay of the correlated noise since the previous reading, the gain, and the standard
+/// deviation of the innovation.
 struct Update {
     decay: f64,
     gain: f64,
@@ -69,7 +70,7 @@ fn updates(segment: &Segment, noise: &Noise) -> Vec<Update> {
     updates.collect()
 }
 
-/// Replaces values by what is new in each: their difference from what those before let expect.
+/// Replaces values by their innovations: each value less its expectation given the earlier ones.
 fn innovate<'a>(values: impl Iterator<Item = &'a mut f64>, updates: &[Update]) {
     let mut mean = 0.0;
     for (value, Update { decay, gain, .. }) in values.zip(updates) {
@@ -79,8 +80,8 @@ fn innovate<'a>(values: impl Iterator<Item = &'a mut f64>, updates: &[Update]) {
     }
 }
 
-/// Makes the noise of columns of a run independent and of unit variance, in place; returns the sum of the logarithms of the standard
-/// deviations by which they were divided.
+/// Whitens columns of a run in place: their noise becomes independent and of unit variance. Returns the sum of the logarithms of the
+/// standard deviations by which the innovations were divided.
 pub fn whiten(segments: &[Segment], noises: &[Noise], columns: &mut DMatrix<f64>) -> f64 {
     let mut ln_sds = 0.0;
     let mut start = 0;
@@ -109,7 +110,7 @@ pub fn one_ahead(segments: &[Segment], noises: &[Noise], residuals: &mut DVector
     }
 }
 
-/// The noise as coordinates without bounds, and back.
+/// The noise as unbounded coordinates.
 fn coordinates(noise: &Noise) -> [f64; 3] {
     let correlated = noise.correlated.clamp(1e-4, 1.0 - 1e-4);
     [noise.sd.ln(), (correlated / (1.0 - correlated)).ln(), noise.memory_s.ln()]
@@ -136,7 +137,8 @@ impl<F: Fn(&[Noise]) -> Option<f64>> CostFunction for Cost<'_, F> {
     fn cost(&self, x: &Vec<f64>) -> Result<f64, argmin::core::Error> {
         let noises: Vec<Noise> =
             x.chunks(3).zip(self.memories_s).map(|(x, memories)| from_coordinates(x, *memories)).collect();
-        // Beyond the ends of a memory the objective would be flat.
+        // A quadratic penalty on the memory outside its range, because the likelihood is constant there; and the prior of the correlated
+        // fraction.
         let priors: f64 = x
             .chunks(3)
             .zip(&noises)
@@ -150,7 +152,7 @@ impl<F: Fn(&[Noise]) -> Option<f64>> CostFunction for Cost<'_, F> {
     }
 }
 
-/// Noise parameters that minimize minus a log evidence, from a start; memories stay in their ranges.
+/// Noise parameters that maximize a log evidence, given as its negative, from a start; memories stay in their ranges.
 pub fn likeliest(
     start: &[Noise],
     memories_s: &[[f64; 2]],
@@ -190,7 +192,7 @@ mod tests {
         Segment { channel: 0, weights: vec![1.0, 1.0, 2.0, 1.0, 0.5, 1.0, 1.0], time_s }
     }
 
-    /// Against the dense covariance.
+    /// The whitening is compared with the dense covariance.
     #[test]
     fn whitening_inverts_the_covariance() {
         let (segment, noise) = (segment(), Noise { sd: 0.7, correlated: 0.6, memory_s: 0.3 });

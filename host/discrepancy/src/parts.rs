@@ -1,8 +1,8 @@
-//! Two quantities of the sum of a site's laws: its offset, and its change on reversal.
+//! Two quantities of the sum of a site's laws: the offset, and half of the change on reversal.
 //!
 //! A friction of `F+` in one direction and `F-` in the other is a dry friction of `(F+ + F-) / 2` and an offset of `(F+ - F-) /
 //! 2`, whichever laws express it: a sign and a constant, a sign and an asymmetry, or a step. Such a quantity is named if laws
-//! that contain it are missing, even if the data cannot distinguish these laws.
+//! that contribute to it are missing, even if the data cannot distinguish these laws.
 
 use super::bench::{Bench, Law};
 use super::data::Run;
@@ -20,14 +20,14 @@ trait Part {
     /// Whether a law contributes.
     fn is_of(&self, bench: &Bench<'_>, law: &Law) -> bool;
 
-    /// Contribution of a law with these numbers, in their own units.
+    /// Contribution of a law with these parameter values, in their own units.
     fn value(&self, bench: &Bench<'_>, law: &Law, numbers: &[f64]) -> f64;
 }
 
 /// Mean over the data of the even parts of laws.
 struct Offset;
 
-/// Half of what a site changes by on reversal.
+/// Half of the change of a site's sum on reversal.
 struct Reversal;
 
 /// Name of the column on which a law of a site depends.
@@ -36,7 +36,7 @@ fn column_name<'b>(bench: &'b Bench<'_>, law: &Law) -> Option<&'b str> {
     law.regressor.and_then(|number| site.regressors.get(number)).map(|regressor| regressor.name.as_str())
 }
 
-/// Places of the readings of a run of the channel to which a site adds.
+/// Indices of the readings of the channel to which a site adds.
 fn readings<'r>(run: &'r Run, site: &Site) -> impl Iterator<Item = usize> + use<'r> {
     let channel = run.channels.iter().find(|channel| Some(&channel.name) == site.adds_to.as_ref());
     let values = channel.map_or(&[][..], |channel| channel.values.as_slice());
@@ -82,7 +82,7 @@ impl Part for Reversal {
     fn is_of(&self, bench: &Bench<'_>, law: &Law) -> bool {
         let site = bench.model.sites().get(law.site);
         let regressor = law.regressor.and_then(|number| site?.regressors.get(number));
-        // Signs of a place are no reversals.
+        // The sign of a position does not change on reversal.
         let is_of_a_rate = regressor.is_some_and(|regressor| !regressor.history);
         law.form == Form::Bristle || (law.form == Form::Sign && is_of_a_rate)
     }
@@ -92,8 +92,8 @@ impl Part for Reversal {
     }
 }
 
-/// A part in a model, with its variance; the derivatives by the numbers of laws are differences over a standard deviation, over which a step of
-/// single readings is smooth.
+/// Value and variance of a part in a model. The derivatives with respect to the parameters of laws are differences over one standard
+/// deviation to either side: over smaller steps a law with a level changes in jumps, by single readings.
 fn in_model(bench: &Bench<'_>, fitted: &Fitted, part: &dyn Part, site: usize) -> (f64, f64) {
     let coordinates = bench.coordinates(&fitted.laws);
     let mut gradient = DVector::zeros(fitted.values.len());
@@ -113,14 +113,14 @@ fn in_model(bench: &Bench<'_>, fitted: &Fitted, part: &dyn Part, site: usize) ->
     (value, (gradient.transpose() * &fitted.covariance * &gradient)[(0, 0)])
 }
 
-/// Sum of a part over the laws of a site.
+/// Value of a part, summed over the laws of a site.
 fn total(bench: &Bench<'_>, laws: &[Law], values: &[f64], part: &dyn Part, site: usize) -> f64 {
     let terms = bench.terms(laws, values);
     let contributing = laws.iter().zip(&terms).filter(|(law, _)| law.site == site && part.is_of(bench, law));
     contributing.map(|(law, term)| part.value(bench, law, &term.values)).sum()
 }
 
-/// Probability of the explanations of what a law explains that have a part.
+/// Probability of a part by one law of the final model and its rivals: the sum over those explanations that have the part.
 fn probability(bench: &Bench<'_>, found: &Found, number: usize, member: &Member, part: &dyn Part) -> f64 {
     let kept = found.fitted.laws.len().saturating_sub(1);
     let of_law = found
@@ -136,7 +136,7 @@ fn probability(bench: &Bench<'_>, found: &Found, number: usize, member: &Member,
     of_law + of_rivals.map(|(_, probability)| probability).sum::<f64>()
 }
 
-/// A part of the laws of each site whose final laws have it, over the final model and its rivals.
+/// A part for each site at which a law of the final model has it, averaged over the final model and its rivals.
 fn reports(bench: &Bench<'_>, found: &Found, part: &dyn Part) -> Vec<PartReport> {
     let models = models(found);
     let reports = bench.model.sites().iter().enumerate().filter_map(|(number, site)| {
@@ -150,7 +150,7 @@ fn reports(bench: &Bench<'_>, found: &Found, part: &dyn Part) -> Vec<PartReport>
             .filter(|(member, _)| found.fitted.laws.get(*member).is_some_and(|law| law.site == number));
         let probabilities =
             of_site.map(|(member, found_law)| probability(bench, found, member, found_law, part));
-        // At least that of the most certain law.
+        // The probability is at least that by the most certain law.
         let probability = probabilities.fold(0.0, f64::max);
         let (mean, variance) = moments(&models, |fitted| in_model(bench, fitted, part, number));
         let estimate = estimate(&site.name, site.unit.clone(), mean, variance);
@@ -166,7 +166,7 @@ pub(crate) fn offsets(bench: &Bench<'_>, found: &Found) -> Vec<PartReport> {
     reports(bench, found, &Offset)
 }
 
-/// Sums of the signs and bristles of each site: neither alone is what a reversal changes where friction builds up over a short way.
+/// Sums of the signs and bristles of each site: if friction builds up over a short distance, both contribute to the change on reversal.
 pub(crate) fn reversals(bench: &Bench<'_>, found: &Found) -> Vec<PartReport> {
     reports(bench, found, &Reversal)
 }

@@ -25,11 +25,11 @@ use std::time::Duration;
 
 /// Version of the protocol.
 pub const SCHEMA: &str = "discrepancy.model/1";
-/// Nodes of the table of a law: a feature of a hundredth of the range has two of them.
+/// Number of nodes of the table of a law: a feature of a hundredth of the range contains at least two.
 const NODES: usize = 257;
-/// Distance of the two nodes of a jump, as a fraction of the range.
+/// Distance of the nodes on both sides of a jump from the jump, as a fraction of the range.
 const JUMP: f64 = 1e-9;
-/// Part of a wrong answer that a message quotes.
+/// Number of characters of an invalid answer that a message quotes.
 const QUOTED: usize = 120;
 
 /// A channel that the model predicts.
@@ -53,7 +53,7 @@ pub struct Declaration {
     pub channels: Vec<Predicted>,
 }
 
-/// The numbers of a law and its table.
+/// A law with its values and its table.
 #[derive(Serialize)]
 struct Table<'a> {
     site: &'a str,
@@ -113,13 +113,13 @@ struct Pipes {
     child: Child,
     input: ChildStdin,
     answers: Receiver<std::io::Result<String>>,
-    /// Names of the runs that it has.
+    /// Names of the runs that were sent to the process.
     runs: Vec<String>,
 }
 
 impl Drop for Pipes {
     fn drop(&mut self) {
-        // It has nothing to save, and may not read its input.
+        // The process is killed, because it has nothing to save and might not read its input.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -160,7 +160,7 @@ impl Pipes {
         };
         serde_json::from_str(&line).map_err(|error| {
             let quoted: String = line.chars().take(QUOTED).collect();
-            let expected = format!("a line of {SCHEMA}, with null for what is no number");
+            let expected = format!("a line of {SCHEMA}, with null for a missing number");
             ModelFailure::Broken(format!("the model answered {quoted:?}: {error}; expected {expected}"))
         })
     }

@@ -1,4 +1,4 @@
-//! Regions where measured and predicted values differ: intervals of a coordinate with significant residuals.
+//! Regions where measured and predicted values differ: intervals of a coordinate whose mean residual is significant.
 
 use super::basis::Basis;
 use super::bench::Bench;
@@ -10,12 +10,12 @@ use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal};
 use std::ops::Range;
 
-/// Bins of a coordinate.
+/// Largest number of bins of a coordinate.
 const BINS: usize = 12;
-/// Probability that noise alone makes a region anywhere.
+/// Upper bound of the probability that noise and typical discrepancy cause any region (Bonferroni).
 const LEVEL: f64 = 0.01;
 
-/// An interval of a coordinate with significant residuals.
+/// An interval of a coordinate with a significant mean residual.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Region {
     /// Channel.
@@ -28,13 +28,13 @@ pub struct Region {
     pub from: f64,
     /// Largest coordinate.
     pub to: f64,
-    /// Measured less predicted, mean.
+    /// Mean residual, measured less predicted.
     pub mean: f64,
     /// The mean in standard deviations of noise and typical discrepancy.
     pub sigma: f64,
 }
 
-/// Bins of one coordinate in one channel, and where their columns begin.
+/// Bins of one coordinate in one channel, and the number of their first column.
 struct Scan {
     channel: usize,
     coordinate: String,
@@ -42,7 +42,8 @@ struct Scan {
     first: usize,
 }
 
-/// Regions of a fit in the runs that were fitted, most significant first, one per channel and coordinate; beside these noises.
+/// Regions of a fit in the runs that were fitted, most significant first, at most one per channel and coordinate, for noise with these
+/// parameters.
 pub(crate) fn regions(
     bench: &Bench<'_>,
     basis: &Basis,
@@ -125,7 +126,8 @@ fn scans(bench: &Bench<'_>, first: usize, columns: &mut [DMatrix<f64>]) -> Vec<S
     scans
 }
 
-/// Bins of a coordinate: its distinct values if these are few, else bins of equal counts; smallest and largest value of each.
+/// Smallest and largest value of each bin of a coordinate: one bin per distinct value if there are at most `bins` of them, else bins of
+/// equal counts.
 pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
     let mut sorted: Vec<f64> = values.iter().flatten().copied().collect();
     sorted.sort_by(f64::total_cmp);
@@ -151,8 +153,8 @@ pub fn bin_of(edges: &[[f64; 2]], value: f64) -> usize {
     edges.iter().rposition(|[from, _]| *from <= value).unwrap_or(0)
 }
 
-/// The most significant interval of bins: its bins, standard deviations and mean. `products` has the scalar products of
-/// columns, in which the bins begin at column `first` and the residuals are another column.
+/// The most significant interval of bins: its bins, its mean residual in standard deviations, and the mean residual. `products`
+/// has the scalar products of columns: those of the bins from column `first` on, and that of the residuals.
 pub fn best_interval(
     products: &DMatrix<f64>,
     first: usize,

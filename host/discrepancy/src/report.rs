@@ -1,4 +1,4 @@
-//! The result as a document.
+//! The report of a diagnosis.
 
 use super::judge::Judgement;
 use super::regions::Region;
@@ -31,17 +31,17 @@ pub struct Estimate {
     pub value: f64,
     /// Standard deviation.
     pub sd: f64,
-    /// Interval with 95 % probability.
+    /// 95 % interval.
     pub ci95: [f64; 2],
 }
 
 /// A parameter of the model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterReport {
-    /// In the model with the added laws, averaged over their rivals.
+    /// Estimate with the added laws, averaged over the final model and its rivals.
     #[serde(flatten)]
     pub estimate: Estimate,
-    /// In the plain model.
+    /// Estimate in the plain model.
     pub before: Estimate,
 }
 
@@ -87,15 +87,15 @@ pub struct TermReport {
     /// The law.
     #[serde(flatten)]
     pub law: LawName,
-    /// Whether it is named, that is, its probability is above 95 %. Otherwise it is a member of a class.
+    /// Whether it is named, that is, its probability is at least 95 %. Otherwise it is a member of a class.
     pub is_named: bool,
     /// Its probability, compared with its rivals and with the model without any of them.
     pub probability: f64,
-    /// Logarithm of its odds over the model without it.
+    /// Logarithm of the odds of the model with it over the model without it.
     pub ln_odds: f64,
     /// Its parameters.
     pub values: Vec<Estimate>,
-    /// Laws that the data cannot distinguish from it; together with it they have 95 % of the probability.
+    /// Laws that the data cannot distinguish from it: as many as are needed for 95 % of the probability, together with it.
     pub rivals: Vec<Rival>,
     /// Test on held-out runs; `None` without such runs.
     pub held_out: Option<Judgement>,
@@ -121,11 +121,11 @@ pub struct RefusedReport {
     /// The law.
     #[serde(flatten)]
     pub law: LawName,
-    /// Logarithm of its odds over the model without it.
+    /// Logarithm of the odds of the model with it over the model without it.
     pub ln_odds: f64,
     /// Reason of the refusal.
     pub reason: String,
-    /// Test on held-out runs, if that refuses it.
+    /// Test on held-out runs, if this test is the reason.
     pub held_out: Option<Judgement>,
 }
 
@@ -173,7 +173,7 @@ pub struct DiscrepancyReport {
     pub site: Option<String>,
     /// Regressor.
     pub regressor: Option<String>,
-    /// Its effect on the channels, as a fraction of their standard deviation.
+    /// Size: the effect on the channels, as a fraction of their standard deviation.
     pub size: f64,
 }
 
@@ -206,7 +206,7 @@ pub struct Report {
     pub discrepancy: Vec<DiscrepancyReport>,
     /// Number of laws that were tried.
     pub candidates: usize,
-    /// Whether all fits have converged.
+    /// Whether the fits of the plain and of the final model have converged.
     pub is_settled: bool,
     /// Remarks on these results.
     pub notes: Vec<String>,

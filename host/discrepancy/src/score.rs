@@ -1,7 +1,7 @@
 //! Score of every candidate law around a fit, without fitting the candidate.
 //!
 //! Around a fit a law of amplitude a changes the predictions by `a d`. The part of d in the span of the parameters'
-//! sensitivities is projected out, and the remainder is projected on the residuals (Rao's efficient score). With a normal prior
+//! sensitivities is projected out, and the residuals are projected on the remainder (Rao's efficient score). With a normal prior
 //! of the amplitude the evidence has a closed form, which is averaged over the shapes. The standard deviation of that prior is
 //! the amplitude that changes a channel by the channel's own standard deviation.
 
@@ -14,7 +14,8 @@ use super::noise::Noise;
 use super::weights::ln_sum;
 use nalgebra::{DMatrix, DVector};
 
-/// A law is not identifiable where the parameters do all of its effect up to this fraction of its square: a thousandth of its size.
+/// A law is not identifiable if less than this fraction of the square of its direction remains after the parameters are projected out,
+/// that is, a thousandth of its length.
 pub(crate) const ALL_ELIMINATED: f64 = 1e-6;
 
 /// The score of a law.
@@ -24,15 +25,15 @@ pub(crate) struct Score {
     pub law: Law,
     /// Most probable amplitudes, then the shape as a fraction of its range.
     pub numbers: Vec<f64>,
-    /// Log evidence over the fit, with the noise of the fit and with white noise.
+    /// Log evidence over the fit, computed with the noise of the fit and with white noise of the same variance.
     pub log_evidence: [f64; 2],
 }
 
-/// Laws that are added at once at most. Two are the fewest that hide each other: each of them may be weak alone. More follow one by one or two by two,
-/// unless any two of three hide nothing without the third.
+/// Largest number of laws that are added at once. Two laws may be weak alone and strong together. Three laws are found one after the other
+/// or as a law and a pair, unless each of them shows only together with both others.
 pub(crate) const TOGETHER: usize = 2;
 
-/// Two laws together: each may be weak alone where the other hides it, as an offset and an asymmetry do.
+/// Two laws together: each may be weak alone because the other compensates it, for example an offset and an asymmetry.
 #[derive(Debug, Clone)]
 pub(crate) struct Pair {
     /// Both laws, with their amplitudes in a joint estimate.
@@ -57,7 +58,7 @@ struct Direction {
     columns: Vec<DMatrix<f64>>,
 }
 
-/// All laws that the sites allow, with a prior that is not known yet.
+/// All laws that the sites allow, before the priors of their amplitudes are known.
 pub(crate) fn candidates(bench: &Bench<'_>, effects: &[Effect]) -> Vec<Law> {
     let mut laws = Vec::new();
     for (site, (declared, spans)) in bench.model.sites().iter().zip(&bench.spans).enumerate() {
@@ -140,7 +141,7 @@ fn not_an_effect(text: &str, problem: String) -> Error {
     }
 }
 
-/// Standard deviation of an amplitude beforehand: one that moves some channel by its own standard deviation.
+/// Standard deviation of the prior of an amplitude: the amplitude that changes some channel by the channel's own standard deviation.
 fn prior_sd(bench: &Bench<'_>, columns: &[DMatrix<f64>], number: usize) -> Option<f64> {
     let largest = (0..bench.scales.len())
         .map(|channel| {
@@ -181,7 +182,7 @@ pub(crate) fn no_covariance() -> Error {
     Error::Undetermined("no covariance around the fit".to_owned())
 }
 
-/// Scores of laws around a fit and of pairs of them, those that cannot be identified left out.
+/// Scores of laws around a fit, and of pairs of laws, without those that are not identifiable.
 pub(crate) fn scores(
     bench: &Bench<'_>,
     basis: &Basis,
@@ -253,8 +254,8 @@ fn numbers(amplitudes: &[f64], sds: &[f64], fraction: Option<f64>) -> Vec<f64> {
     amplitudes.iter().zip(sds).map(|(a, sd)| a * sd).chain(fraction).collect()
 }
 
-/// Pairs of laws that hide each other, each at the shape that is best alone: together they explain more than the sum of what either does. Of
-/// others each is found by itself.
+/// Pairs of laws whose joint log evidence exceeds the sum of their single ones, each law at the shape that is best alone. The laws of other
+/// pairs are found one by one.
 fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (i, one) in all.iter().enumerate() {
@@ -281,8 +282,8 @@ fn pairs(metrics: &[DMatrix<f64>; 2], all: &[Best]) -> Vec<Pair> {
     pairs
 }
 
-/// Scalar products in the metric of noise and everyday discrepancy, the parameters projected out; directions that the parameters do
-/// alone have none.
+/// Scalar products in the metric of noise and discrepancy (of the fitted sizes, at most the everyday ones), with the parameters projected
+/// out; zero for directions that the parameters can produce alone.
 fn projected(
     bench: &Bench<'_>,
     basis: &Basis,
@@ -311,8 +312,8 @@ fn projected(
     Some(reduced)
 }
 
-/// Log evidence and amplitudes of directions among scalar products whose last column are the residuals; nothing where they are not
-/// identifiable.
+/// Log evidence and amplitudes of directions, from scalar products whose last column is that of the residuals; `None` if the directions are
+/// not identifiable.
 fn evidence_of(metric: &DMatrix<f64>, columns: &[usize]) -> Option<(f64, DVector<f64>)> {
     let width = columns.len();
     let gram = DMatrix::from_fn(width, width, |i, j| metric[(columns[i], columns[j])]);

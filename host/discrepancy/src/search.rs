@@ -3,8 +3,7 @@
 //! Around a fit every candidate is scored, and the best are fitted. The weight of each is its evidence times its prior times
 //! the e-value of the held-out runs; in the prior, "a law is missing" and "none is" have equal probability, and all candidates
 //! are equally probable. While some law is missing with the stated probability, the most probable law that held-out runs do not
-//! refuse is added. Then every law is removed in turn and replaced by its rivals. Its probability is that of the models that
-//! contain it.
+//! refuse is added. Then every law is removed in turn and compared with its rivals, which gives its probability.
 
 use super::basis::Basis;
 use super::bench::{Bench, Law};
@@ -15,11 +14,12 @@ use super::regions::regions;
 use super::score::{Score, scores};
 use super::weights::{ln_e_value, stated_ln_odds};
 
-/// Laws that are added at most: every further one costs the whole search again.
+/// Largest number of laws that are added: every further law takes the time of the whole search again.
 const MAX_LAWS: usize = 8;
-/// Exchanges of a law for likelier rivals at most, each to a set that was not there before: held-out runs may prefer three models in a circle.
+/// Largest number of exchanges of a law for a more probable rival. Each leads to a set that was not visited before, because preferences
+/// by held-out runs may be cyclic.
 const MAX_EXCHANGES: usize = 2 * MAX_LAWS;
-/// Candidates that are fitted in a step: so many of each of the two rankings.
+/// Number of candidates of each of the two rankings that are fitted in a step.
 const LEADERS: usize = 4;
 
 /// Why a law was not added.
@@ -39,9 +39,9 @@ pub(crate) struct Refused {
     pub reason: Refusal,
 }
 
-/// Odds of a model beside a smaller one.
+/// Odds of a model over a smaller one.
 pub(super) struct Standing {
-    /// Logarithm of its odds: evidence, prior and e-value of the held-out runs.
+    /// Logarithm of the odds by evidence, prior and e-value of the held-out runs.
     pub ln_odds: f64,
     pub judgement: Option<Judgement>,
 }
@@ -64,7 +64,7 @@ pub(crate) struct Member {
     pub probability: f64,
     /// Rivals in its place with their probabilities, most probable first.
     pub rivals: Vec<(Fitted, f64)>,
-    /// Test on held-out runs, with it against without it.
+    /// Test on held-out runs: the model with it compared with the model without it.
     pub judgement: Option<Judgement>,
 }
 
@@ -103,7 +103,7 @@ pub(crate) fn final_values(
     Ok((basis, settled))
 }
 
-/// A search with all that it needs.
+/// Inputs of a search.
 pub(crate) struct Search<'a> {
     pub bench: &'a Bench<'a>,
     pub basis: &'a Basis,
@@ -114,7 +114,7 @@ pub(crate) struct Search<'a> {
 impl Search<'_> {
     /// Logarithm of the weight of a model.
     pub(super) fn ln_weight(&self, fitted: &Fitted) -> f64 {
-        // A law with two more numbers is beforehand a quarter as likely: of each number there are as many laws as of all with more.
+        // Every parameter beyond the first halves the prior probability of a law.
         let ln_choices = fitted.laws.iter().map(|law| {
             let more = law.len().saturating_sub(1) as f64;
             (self.candidates.len().max(1) as f64).ln() + more * std::f64::consts::LN_2
@@ -122,7 +122,7 @@ impl Search<'_> {
         fitted.log_evidence - ln_choices.sum::<f64>()
     }
 
-    /// Fits of a model with one further law each, the likeliest first; and with two of them, where singles are too weak.
+    /// Fits of a model with one further law each, or with a further pair each, the most probable first.
     pub(super) fn extensions(&self, base: &Fitted, with_pairs: bool) -> Result<Vec<Fitted>, Error> {
         let candidates = self.candidates.iter();
         let laws: Vec<Law> =
@@ -147,7 +147,8 @@ impl Search<'_> {
         Ok(fits)
     }
 
-    /// A model with further laws, from the numbers of their scores or, where the model has no prediction there, from nothing of them.
+    /// Fit of a model with further laws, which starts at the amplitudes of their scores or, if the model has no prediction there, at
+    /// amplitudes of zero; `None` if there is no fit.
     pub(super) fn extended(&self, base: &Fitted, scores: &[&Score]) -> Result<Option<Fitted>, Error> {
         let laws: Vec<Law> = base.laws.iter().chain(scores.iter().map(|score| &score.law)).cloned().collect();
         for factor in [1.0, 0.0] {
@@ -209,15 +210,15 @@ impl Search<'_> {
                 *lead > 1.0 && earlier.iter().all(|laws| !is_same_set(laws, &rival.laws))
             });
             match likelier.max_by(|a, b| a.0.total_cmp(&b.0)) {
-                // A rival that is likelier than the law takes its place, and the others are weighed again.
+                // A rival that is more probable than the law replaces it, and the rivals of all laws are compared again.
                 Some((_, rival)) if earlier.len() <= MAX_EXCHANGES => current = rival.clone(),
                 _ => return Ok(Found { fitted: current, members, refused }),
             }
         }
     }
 
-    /// Adds laws while one is missing with the stated probability and held-out runs confirm it; two at once where none is alone and
-    /// something is left to explain.
+    /// Adds laws while one is missing with the stated probability and held-out runs confirm it. If no single law is, pairs are tried,
+    /// provided that a misfit remains or held-out runs have refused a law.
     fn grow(&self, mut current: Fitted) -> Result<(Fitted, Vec<Refused>), Error> {
         loop {
             if current.laws.len() >= MAX_LAWS {
@@ -241,12 +242,13 @@ impl Search<'_> {
         }
     }
 
-    /// No region is left that stands out.
+    /// Whether no region with significant residuals is left.
     fn is_explained(&self, fitted: &Fitted) -> bool {
         regions(self.bench, self.basis, fitted, &fitted.noises).is_some_and(|list| list.is_empty())
     }
 
-    /// The likeliest of some larger models that is likely enough and that held-out runs confirm; the others are refused.
+    /// The best of those larger models that reach the stated probability and that held-out runs confirm; models that do not are added
+    /// to `refused`.
     fn likeliest(
         &self,
         current: &Fitted,
@@ -281,7 +283,7 @@ impl Search<'_> {
         Ok(Standing { ln_odds, judgement })
     }
 
-    /// The model without the first law that it does not need, and why.
+    /// The model without the first law that is refused now, with the reason; `None` if there is no such law.
     fn shrink(&self, current: &Fitted) -> Result<Option<(Fitted, Refused)>, Error> {
         for member in 0..current.laws.len() {
             let smaller = self.without(current, member)?;
@@ -300,7 +302,7 @@ fn is_same_set(one: &[Law], other: &[Law]) -> bool {
     one.len() == other.len() && one.iter().all(|law| other.iter().any(|second| law.is_like(second)))
 }
 
-/// The leaders of both rankings of scores, without repeats.
+/// Scores that lead one of the two rankings, each once.
 fn leading<T>(scores: &[T], log_evidence: impl Fn(&T) -> [f64; 2]) -> Vec<&T> {
     let mut chosen: Vec<usize> = Vec::new();
     for ranking in 0..2 {

@@ -1,8 +1,8 @@
 //! Laws that are sums of simpler ones.
 //!
-//! A law with a level, of a regressor with both signs, is at level zero a sum of laws without a level: a step is half a
-//! constant plus half a sign, and a ramp above or below zero is half an asymmetry plus half a proportional law. Only at another
-//! level is it a different explanation; at zero it is the same function, and the sum replaces it.
+//! If the regressor has both signs, a law with level zero is a sum of laws without a level: a step is half a constant plus half
+//! a sign, and a ramp above or below zero is half an asymmetry plus or minus half a proportional law. At another level it is a
+//! different explanation; at zero it is the same function as the sum, which replaces it.
 
 use super::bench::{Bench, Law, rms};
 use super::fit::Fitted;
@@ -13,7 +13,7 @@ use super::score::{TOGETHER, no_covariance, scores};
 use super::search::Search;
 use nalgebra::{DMatrix, DVector};
 
-/// Forms whose sum a form with a level is at zero.
+/// Forms whose sum is equal to a form with a level, if the level is zero.
 fn simpler(form: Form) -> &'static [Form] {
     match form {
         Form::Step => &[Form::Constant, Form::Sign],
@@ -23,8 +23,8 @@ fn simpler(form: Form) -> &'static [Form] {
 }
 
 impl Search<'_> {
-    /// A model with all that it has beside a base in the simplest laws: itself where none of these is a sum of others, else with these in its place. The
-    /// result is empty where they are too many, or the data do not determine them.
+    /// The same model, in which laws beyond those of `base` that are sums of simpler laws are replaced by these. `None` if the simpler laws
+    /// are already in `base`, are too many, or are not determined by the data.
     pub(super) fn in_simplest_laws(&self, base: &Fitted, fitted: Fitted) -> Result<Option<Fitted>, Error> {
         let mut laws: Vec<Law> = Vec::new();
         let mut has_sum = false;
@@ -43,7 +43,8 @@ impl Search<'_> {
         if laws.is_empty() { Ok(None) } else { self.with_laws(base, &laws) }
     }
 
-    /// The same model with simpler laws in the place of one that has become a sum of them since it was added; nothing where there is none.
+    /// The same model, in which a law that has become a sum of simpler laws since it was added is replaced by these; `None` if there is no
+    /// such law.
     pub(super) fn without_sums(&self, current: &Fitted) -> Result<Option<Fitted>, Error> {
         for member in 0..current.laws.len() {
             let Some(mut laws) = self.simpler_laws(current, member)? else { continue };
@@ -54,15 +55,15 @@ impl Search<'_> {
         Ok(None)
     }
 
-    /// A base with further laws, those left out that its parameters do: the proportional half of what grows above zero is often one of them. The result is
-    /// empty where none remains, or more than are added at once: each of these is a candidate of its own, and is added where it is missing.
+    /// Fit of a base with further laws, without those that its parameters can produce: the proportional half of a ramp is often one of
+    /// these. `None` if no law remains, or more than [`TOGETHER`]: each of them is then found as a candidate of its own.
     fn with_laws(&self, base: &Fitted, laws: &[Law]) -> Result<Option<Fitted>, Error> {
         let (scores, _) = scores(self.bench, self.basis, base, laws)?;
         let scores: Vec<_> = scores.iter().collect();
         if scores.is_empty() || scores.len() > TOGETHER { Ok(None) } else { self.extended(base, &scores) }
     }
 
-    /// The laws whose sum a law of a model is; nothing where it is none, or one of them is not to be tried.
+    /// The simpler laws whose sum is a law of a model; `None` if it is not a sum, or one of them is not among the candidates.
     fn simpler_laws(&self, fitted: &Fitted, member: usize) -> Result<Option<Vec<Law>>, Error> {
         let Some(law) = fitted.laws.get(member) else { return Ok(None) };
         if !is_sum(self.bench, fitted, member, self.basis.everyday_effect())? {
@@ -81,7 +82,7 @@ impl Search<'_> {
     }
 }
 
-/// Fraction of the range of a level at which it is zero; nothing of other laws and where zero is not in the range.
+/// Fraction of the range of a level at which the level is zero; `None` for other laws, and if zero is not in the range.
 fn fraction_of_zero(law: &Law) -> Option<f64> {
     let is_sum = !simpler(law.form).is_empty() && law.span.has_both_signs();
     let [least, most] = law.shape().filter(|_| is_sum)?.range;
@@ -89,8 +90,8 @@ fn fraction_of_zero(law: &Law) -> Option<f64> {
     (0.0..=1.0).contains(&fraction).then_some(fraction)
 }
 
-/// Whether a law of a fit is a sum of simpler ones: the interval of its level holds zero, and at both ends of it predictions differ from those at zero by
-/// less than an effect that is called nothing, whatever the other numbers of the fit are.
+/// Whether a law of a fit is a sum of simpler ones: the 95 % interval of its level contains zero, and at both ends of the interval the
+/// predictions differ from those at zero by less than the everyday effect, after the other parameters of the fit are projected out.
 ///
 /// # Errors
 /// Where the model fails for other reasons than its values.
@@ -119,7 +120,7 @@ fn is_sum(bench: &Bench<'_>, fitted: &Fitted, member: usize, everyday: f64) -> R
     Ok(true)
 }
 
-/// Residuals with another value of a number; nothing where the model has no prediction there.
+/// Residuals with another value of a parameter; `None` if the model has no prediction there.
 fn residuals_with(
     bench: &Bench<'_>,
     fitted: &Fitted,
@@ -137,7 +138,7 @@ fn residuals_with(
     }
 }
 
-/// The part of a change of predictions that no other number of a fit can do.
+/// A change of the predictions with the other parameters of a fit projected out.
 fn without_other_numbers(
     fitted: &Fitted,
     number: usize,
@@ -155,7 +156,7 @@ fn without_other_numbers(
         gram.gemm_tr(1.0, columns, columns, 1.0);
         products.gemv_tr(1.0, columns, change, 1.0);
     }
-    // Numbers that do nothing, this one among them, have a zero in the diagonal.
+    // Parameters without effect have a zero on the diagonal, and so has this parameter, whose column was set to zero.
     let scales = gram.diagonal().map(|square| if square > 0.0 { square.sqrt().recip() } else { 1.0 });
     let scaled = DMatrix::from_fn(count, count, |i, j| scales[i] * gram[(i, j)] * scales[j]);
     let inverse = scaled.pseudo_inverse(f64::EPSILON * count as f64).map_err(|_| no_covariance())?;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Suffix of a column with the standard deviations of a channel.
 const SD: &str = "_sd";
 
-/// Reason for which a file is no run.
+/// Reason for which a file is not a run.
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
     /// It cannot be read as CSV.
@@ -26,10 +26,10 @@ pub enum TableError {
         path: PathBuf,
         /// The column.
         column: String,
-        /// Those that it has.
+        /// The columns of the file.
         found: String,
     },
-    /// A cell is no number.
+    /// A cell is not a number.
     #[error("{}:{line}, column {column:?}: {cell:?}; expected a number{}", path.display(), if *may_be_empty { ", or nothing where there is no reading" } else { "" })]
     Cell {
         /// The file.

@@ -60,7 +60,7 @@ impl<'a> Terms<'a> {
         Self { list, ranges: Some(ranges) }
     }
 
-    /// Includes the ranges that a copy of these laws has recorded.
+    /// Adds ranges that were recorded elsewhere, for example by a copy of these laws.
     pub fn include(&self, ranges: &Ranges) {
         let ranges = ranges.0.lock().unwrap_or_else(PoisonError::into_inner);
         for ((site, name), range) in ranges.iter() {

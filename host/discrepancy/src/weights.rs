@@ -6,10 +6,10 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Probability from which on a statement is made: a named effect is missing with this probability, and a class is the smallest
-/// set of explanations with it.
+/// Smallest probability at which a statement is made: that an effect is missing, or that one member of a class is, which is the
+/// smallest set of explanations with this probability.
 pub const STATED_PROBABILITY: f64 = 0.95;
-/// Logarithm of a relative weight (6e-6 of the largest) below which a model changes no printed digit of an interval.
+/// Logarithm of the weight, relative to the largest one, below which a model is ignored: 6e-6 changes no printed digit of an interval.
 pub const NO_WEIGHT: f64 = -12.0;
 
 /// Logarithm of the odds at [`STATED_PROBABILITY`].
@@ -17,19 +17,19 @@ pub fn stated_ln_odds() -> f64 {
     (STATED_PROBABILITY / (1.0 - STATED_PROBABILITY)).ln()
 }
 
-/// Squared distance, in standard deviations of the noise, below which no run distinguishes two predictions: half of it is the
-/// log odds that it gives, which would have to be those of [`STATED_PROBABILITY`].
+/// Squared distance of two predictions, in variances of the noise, below which the data cannot distinguish them: the log odds
+/// between them are half of the squared distance, and would have to reach those of [`STATED_PROBABILITY`].
 pub fn indistinct() -> f64 {
     2.0 * stated_ln_odds()
 }
 
-/// Squared distance, in standard deviations of the noise, below which two predictions count as equal: their evidence differs by
-/// less than 1 - [`STATED_PROBABILITY`].
+/// Squared distance of two predictions, in variances of the noise, below which they count as equal: the likelihood ratio between
+/// them is above [`STATED_PROBABILITY`].
 pub fn same() -> f64 {
     -2.0 * STATED_PROBABILITY.ln()
 }
 
-/// `ln sum exp`; minus infinity of nothing.
+/// `ln sum exp`; minus infinity for an empty list.
 pub fn ln_sum(ln_weights: impl Iterator<Item = f64> + Clone) -> f64 {
     let largest = ln_weights.clone().fold(f64::NEG_INFINITY, f64::max);
     if largest.is_finite() {
@@ -52,8 +52,8 @@ pub fn smallest_set(ln_weights: &[f64]) -> usize {
         .map_or(ln_weights.len(), |last| last + 1)
 }
 
-/// Lowers the weights of models that were refused for other reasons than their weight, so that together they are at most as
-/// probable as the chosen model, whose weight is `taken`.
+/// Lowers the weights of models that were refused for other reasons than their weight: those that exceed the weight `taken` of the
+/// chosen model become equal, and together as probable as the chosen model. Smaller weights stay as they are.
 pub fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
     let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
     let even = taken - (refused.len().max(1) as f64).ln();
@@ -80,7 +80,7 @@ pub fn is_refuted(losses: &[f64], by: &[f64]) -> bool {
 pub fn ln_e_value(p: f64) -> f64 {
     let p = p.clamp(f64::MIN_POSITIVE, 1.0);
     let ln = p.ln();
-    // Both vanish at 1, where the quotient is a half.
+    // Numerator and denominator vanish at p = 1, where the quotient is a half.
     if p > 0.999 { -std::f64::consts::LN_2 } else { (1.0 - p + p * ln).ln() - ln - 2.0 * (-ln).ln() }
 }
 
@@ -103,19 +103,19 @@ mod tests {
         // Better in one part alone, or within noise.
         assert!(!is_refuted(&[90.0, 20.0, 20.0, 20.0], &[20.0, 20.0, 20.0, 20.0]));
         assert!(!is_refuted(&[21.0, 21.0, 21.1, 21.0], &[20.0, 20.0, 20.0, 20.0]));
-        // A single part tells nothing of chance.
+        // From a single part no variance can be estimated.
         assert!(!is_refuted(&[90.0], &[20.0]) && !is_refuted(&[], &[]));
     }
 
     #[test]
     fn a_calibrated_p_value_has_a_mean_of_one() {
-        // Over uniform p, on a grid in their logarithms.
+        // The mean over uniform p is a sum over a grid of its logarithm.
         let step = 1e-3;
         let mean: f64 = (0..60_000)
             .map(|i| step * (f64::from(i) + 0.5))
             .map(|u| (ln_e_value((-u).exp()) - u).exp() * step)
             .sum();
-        // Behind the grid are less than one in sixty.
+        // The tail beyond the grid has less than a sixtieth of the mean.
         assert!((0.97..1.0).contains(&mean), "{mean}");
         assert!((ln_e_value(0.9989) - ln_e_value(0.9991)).abs() < 1e-3);
     }

@@ -110,5 +110,5 @@ def test_arguments_that_make_no_sense_are_usage_errors() -> None:
         diagnose(line, sites={"y": {"adds_to": "y", "regressors": ["z"]}})
     with pytest.raises(AnalysisError, match="changes no prediction"):
         diagnose(line, sites={"y": {"regressors": [{"name": "x", "range": [-1, 1]}]}})
-    with pytest.raises(UsageError, match="all of them judge"):
+    with pytest.raises(UsageError, match="all of them are held out"):
         discrepancy.diagnose(line, [discrepancy.Run("one", [0.0], {"y": [1.0]}, judges=True)], parameters={}, sites={})

@@ -1,28 +1,27 @@
-//! Whether readings still follow a model, asked after every one of them (theory, eq. 86, 87 and 89).
+//! Sequential test of whether readings still follow a model, after every reading (theory, eq. 86, 87 and 89).
 //!
-//! The difference of measurement and model has noise whose neighbours are alike, and may be off by a known tolerance:
-//! friction, the interval of the modulus. Less what its predecessor predicts of it, and over the standard deviation of
-//! what is left, a difference `z` has under the model a mean within a known `d`, whatever came before. So `exp(l (z -
-//! d) - l^2 / 2)` has a mean of at most 1 for every `l > 0`, and the sum `M` of its products from every beginning until
-//! now (the detector of Shiryaev and Roberts) grows by at most 1 a step in the mean. The likelihood ratio bounds how
-//! often it exceeds a threshold, whenever and however often it is examined: the mean time between false alarms is at
-//! least the threshold in steps (Shin, Ramdas and Rinaldo, "E-detectors: a nonparametric framework for sequential
-//! change detection", 2023).
+//! The residual, measurement less model, has autocorrelated noise and an error of the model within a known tolerance (friction, the
+//! interval of the modulus). Let `z` be the residual less its prediction from the previous one, in standard deviations of this
+//! innovation. Under the model the mean of `z` given the past is within a known `d`. So `exp(l (z - d) - l^2 / 2)` has a mean of at
+//! most 1 for every `l > 0`, and the sum `M` of its products from every beginning until now (the detector of Shiryaev and Roberts)
+//! grows by at most 1 a step on average. Therefore the mean time to a false alarm is at least the threshold of `M`, in steps, however
+//! often `M` is examined (Shin, Ramdas and Rinaldo, "E-detectors: a nonparametric framework for sequential change detection", 2023).
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Shifts, in standard deviations of a step, that the mixture looks for: small ones that last and large ones at once.
+/// Shifts of the mixture, in standard deviations of an innovation: small ones, which are detected after many steps, and large ones, which
+/// are detected at once.
 const SHIFTS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
-/// A difference that is further beyond what is allowed counts as this many standard deviations. With it one step multiplies the sum of a
-/// shift by at most `exp(18)`, and the mean over the ten of them by a tenth of that, `exp(15.7)`: below the threshold of one alarm in a
-/// thousand hours, `exp(17.4)`, so that a single step that is far off, a touch, is no departure. Less than it is only makes the evidence less.
+/// Largest excess of an innovation over the tolerance that counts, in standard deviations. One step multiplies the sum of a shift by at
+/// most `exp(18)`, and raises the mean over the ten sums to about a tenth of that, `exp(15.7)`. The threshold of one alarm in a thousand
+/// hours is `exp(17.4)`, so that a single outlying step, such as a touch, causes no alarm. Clipping only lowers the evidence.
 const MOST_SD: f64 = 6.0;
-/// Probability with which the standard deviation that a calibration states is not exceeded by the true one.
+/// Confidence that the true standard deviation does not exceed the calibrated one.
 const SURE: f64 = 0.999;
-/// Correlation of neighbours above which their differences would be all that is left.
+/// Upper limit of the correlation of neighbours: with a larger one the innovation would be little more than the difference of neighbours.
 const MOST_CORRELATION: f64 = 0.98;
 
-/// Noise of the differences of measurement and model, step by step.
+/// Noise of the residuals, step by step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepNoise {
     /// Standard deviation.
@@ -37,8 +36,8 @@ impl StepNoise {
         Self { sd, correlation: 0.0 }
     }
 
-    /// As steps show it in which nothing happens: the standard deviation is the largest that they leave possible with a probability of
-    /// 99.9 %, because one that is too small gives false alarms; nothing for fewer than three of them.
+    /// Estimates the noise from residuals at rest. The standard deviation is the upper confidence limit of 99.9 %, because one that is too
+    /// small causes false alarms. `None` for fewer than three steps.
     pub fn of_rest(steps: &[f64]) -> Option<Self> {
         let count = steps.len() as f64;
         if steps.len() < 3 {
@@ -55,20 +54,20 @@ impl StepNoise {
         (sd.is_finite() && sd > 0.0).then_some(Self { sd, correlation })
     }
 
-    /// Standard deviation of a step less what its predecessor predicts of it.
+    /// Standard deviation of an innovation: a residual less its prediction from the previous one.
     fn of_innovation(&self) -> f64 {
         self.sd * (1.0 - self.correlation * self.correlation).sqrt()
     }
 }
 
-/// Since when, and by how much, readings no longer follow the model.
+/// A departure of the readings from the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Departure {
-    /// Number of the first step that does not, from 0.
+    /// Number of the first step of the departure, from 0.
     pub since: u64,
-    /// Mean difference of measurement and model since then.
+    /// Mean residual since then.
     pub mean: f64,
-    /// Sum of the steps' differences since then, standard deviations.
+    /// Sum of the innovations beyond the tolerance since then, in standard deviations of this sum.
     pub sigma: f64,
 }
 
@@ -80,25 +79,25 @@ pub struct Detector {
     ln_threshold: f64,
     /// Logarithm of the sum of each shift, up and down.
     ln_sums: [[f64; SHIFTS.len()]; 2],
-    /// Start of the present evidence for each shift, and its logarithm.
+    /// Start and logarithm of the current evidence for each shift, up and down.
     runs: [[Run; SHIFTS.len()]; 2],
     steps: u64,
     last: Option<f64>,
 }
 
-/// The evidence for a shift since it was last against it.
+/// The evidence for a shift since it last began anew, that is, since its logarithm was last not above 0.
 #[derive(Debug, Clone, Copy, Default)]
 struct Run {
     since: u64,
     ln: f64,
-    /// Sums since then: of the differences, of the innovations beyond the tolerance, and how many they are.
+    /// Since then: sum of the residuals, sum of the innovations beyond the tolerance, and number of steps.
     sum: f64,
     beyond: f64,
     count: f64,
 }
 
 impl Detector {
-    /// For noise, with steps of so many seconds and at most so many false alarms an hour in the mean.
+    /// A detector for this noise, with steps of `step_s` seconds and on average at most `false_alarms_per_hour`.
     pub fn new(noise: StepNoise, step_s: f64, false_alarms_per_hour: f64) -> Self {
         let steps = 3600.0 / (step_s * false_alarms_per_hour).max(f64::MIN_POSITIVE);
         Self {
@@ -111,9 +110,8 @@ impl Detector {
         }
     }
 
-    /// Takes in a step: measurement less model, by how much the model may be off there, and by how much what it is off
-    /// may have changed since the step before (friction where guide 2 turns back). Departure that is detected when the
-    /// threshold is exceeded; detection goes on all the same.
+    /// Adds a step: the residual, the largest error of the model there, and the largest change of this error since the previous
+    /// step (friction, if guide 2 reverses). Returns the departure while the threshold is exceeded; the detector continues in any case.
     pub fn step(&mut self, difference: f64, tolerance: f64, change: f64) -> Option<Departure> {
         if !(difference.is_finite() && tolerance.is_finite() && change.is_finite()) {
             // A missing measurement neither contributes nor predicts.
@@ -121,7 +119,7 @@ impl Detector {
             self.steps += 1;
             return None;
         }
-        // Off by b now and by b - c before, the innovation is off by (1 - r) b + r c.
+        // If the model is off by b now and was off by b - c before, the innovation is off by (1 - r) b + r c.
         let (predicted, allowed, sd) = match self.last {
             Some(last) => {
                 let r = self.noise.correlation;
@@ -154,7 +152,7 @@ impl Detector {
             }
         }
         let ln_total = self.ln_sums.iter().flatten().fold(f64::NEG_INFINITY, |all, sum| ln_add(all, *sum));
-        // Each of the shifts has an equal part of the mixture.
+        // All shifts have equal weights in the mixture.
         let mixture = ln_total - ((2 * SHIFTS.len()) as f64).ln();
         let (_, run, sign) = best.filter(|_| mixture > self.ln_threshold)?;
         Some(Departure {
@@ -164,7 +162,7 @@ impl Detector {
         })
     }
 
-    /// Begins again, after what was found has been dealt with.
+    /// Discards the evidence so far, after a departure has been handled.
     pub fn reset(&mut self) {
         self.ln_sums = [[f64::NEG_INFINITY; SHIFTS.len()]; 2];
         self.runs = Default::default();

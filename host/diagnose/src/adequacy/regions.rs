@@ -12,24 +12,24 @@ use readings::FitError;
 use statrs::distribution::{ContinuousCDF, Normal};
 use std::cmp::Reverse;
 
-/// Bins of a coordinate, and intervals reported.
+/// Largest numbers of bins of a coordinate, and of reported regions.
 const BINS: usize = 8;
 const MAX_REGIONS: usize = 5;
 
-/// A region where measured and predicted differ.
+/// A region where measured and predicted values differ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in super::super) struct Region {
     pub channel: Channel,
     pub coordinate: &'static str,
     pub from: f64,
     pub to: f64,
-    /// Measured less predicted, SI. If the sign changes with the displacement, positive is towards the side of guide 2.
+    /// Mean residual, measured less predicted, SI. If `is_odd`, it is the residual in the direction of the displacement of guide 2.
     pub mean: f64,
     pub is_odd: bool,
     pub sigma: f64,
 }
 
-/// A coordinate: its name, unit factor and value.
+/// Name of a coordinate, and its value for a datum.
 type Coordinate = (&'static str, fn(&Prepared, &Datum) -> Option<f64>);
 
 const COORDINATES: [Coordinate; 5] = [
@@ -46,7 +46,7 @@ const COORDINATES: [Coordinate; 5] = [
     ("time_in_hold_s", |_, d| d.place.hold_s),
 ];
 
-/// Bins of one coordinate in one channel, and where their columns begin.
+/// Bins of one coordinate in one channel, and the number of their first column.
 struct Scan {
     channel: Channel,
     coordinate: &'static str,
@@ -55,7 +55,7 @@ struct Scan {
     first: usize,
 }
 
-/// Regions in which a fit and the data differ by more than noise and usual imperfections, most significant first, one
+/// Regions in which a fit and the data differ by more than noise and usual imperfections, most significant first, at most one
 /// region per channel and coordinate.
 ///
 /// # Errors
@@ -68,9 +68,9 @@ pub(in super::super) fn regions(
     Scanned::new(fitted, runs, patterns).regions(fitted, patterns, &patterns.everyday())
 }
 
-/// Whether regions are left that no imperfection explains: where the discrepancy has the sizes that the fit gives it, up to those that the prior of a
-/// size allows with 95 %, and also where any one imperfection is as large as that. A verdict may not rest on imperfections of the usual size
-/// alone, and the evidence lets none grow that explains a single region of many that were tried.
+/// Whether regions remain that no imperfection explains: with the fitted sizes of the discrepancy, limited to between the everyday size and
+/// the 95 % limit of its prior, and also if any single size is at that limit. The second condition is needed because the evidence does not
+/// increase a size for the sake of one region among the many that are scanned.
 ///
 /// # Errors
 /// Where the discrepancy's covariance has no factor.
@@ -95,22 +95,22 @@ pub(in super::super) fn has_regions_beyond_prior(
     Ok(true)
 }
 
-/// The largest size of an imperfection that its prior allows with 95 %.
+/// The 95 % limit of the prior of a size above the everyday one.
 fn largest(group: &Group) -> f64 {
     group.everyday * (1.0 + NORMAL_975 * group.tail.unwrap_or(0.0))
 }
 
-/// The sizes that a fit gives the imperfections, from the everyday ones up to those that their priors allow.
+/// The fitted sizes, limited to between the everyday size and the 95 % limit of the prior.
 pub(in super::super) fn allowed_sizes(fitted: &Fitted, patterns: &Patterns) -> Vec<f64> {
     let sizes = patterns.groups.iter().zip(&fitted.sizes);
     sizes.map(|(group, size)| size.clamp(group.everyday, largest(group))).collect()
 }
 
-/// Everything that was scanned, and what it has in common with the residuals of a fit beside its parameters.
+/// Scans, and the scalar products of their columns and the residuals, with the sensitivities to the parameters of the fit.
 struct Scanned {
     scans: Vec<Scan>,
     products: Products,
-    /// Column of the residuals.
+    /// Number of the column of the residuals.
     residuals: usize,
 }
 
@@ -140,7 +140,8 @@ impl Scanned {
             })
             .collect();
         regions_found.retain(|region| region.sigma.abs() > threshold);
-        // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
+        // Regions of the same readings along two coordinates differ only by rounding: the sort by rounded significance keeps the order of
+        // the coordinates.
         regions_found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
         let mut regions_kept: Vec<Region> = Vec::new();
         for region in regions_found {
@@ -155,7 +156,7 @@ impl Scanned {
     }
 }
 
-/// The side of zero on which guide 2 is; zero itself belongs to neither.
+/// Side of zero on which guide 2 is: 1, -1, or 0 at zero.
 fn side(datum: &Datum) -> f64 {
     if datum.place.level_m.abs() < 1e-5 { 0.0 } else { datum.place.level_m.signum() }
 }

@@ -1,9 +1,9 @@
 //! Play and friction of a rig without a measured shape.
 //!
-//! In the force, play and friction of opposite sign differ only after a reversal: friction reverses at once, play only after
-//! twice its width. Their difference grows with the play. The likelihood is therefore far from that of a linear model: it is
-//! flat over many values of the play and may have several maxima. So all other parameters are fitted at every value of the
-//! play, and intervals are those of the profile likelihood at 95 %.
+//! In the force, a play and a friction of opposite sign differ only after a reversal: friction reverses at once, play only after twice
+//! its half width. Their difference grows with the play. The likelihood is therefore far from that of a linear model: it is flat
+//! over many values of the play and may have several maxima. So all other parameters are fitted at every value of the play on a
+//! grid, and intervals are those of the profile likelihood at 95 %.
 
 use crate::evidence::Patterns;
 use crate::known::KnownParameter;
@@ -13,28 +13,28 @@ use nalgebra::{DMatrix, DVector};
 use readings::FitError;
 
 const EFFECT: &str = "rig.play";
-/// Half widths of the play at which the rest is fitted first, mm, and how well each is given.
+/// First half widths of the play at which the other parameters are fitted, mm, and the standard deviation of the prior that fixes it.
 const FIRST_MM: [f64; 9] = [0.0, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.3, 0.45];
 const GIVEN_SD_MM: f64 = 1e-4;
-/// And in standard deviations of the free fit about it; plays closer than this are the same.
+/// Further half widths around that of the free fit, in its standard deviations, and distance below which two are the same.
 const AROUND_SD: [f64; 3] = [-2.0, 0.0, 2.0];
 const SAME_MM: f64 = 1e-3;
-/// Between plays of which one is less than this less likely than the likeliest, in logarithms, the step is halved until it is below a
-/// share of the standard deviation and likelihoods differ by less than this.
+/// The grid is refined between two neighbours if the log density of one of them is within [`LIKELY`] of the largest, and their distance is
+/// above this fraction of the standard deviation or their log densities differ by more than [`DIFFERENT`].
 const LIKELY: f64 = 6.0;
 const SHARE_OF_SD: f64 = 0.7;
 const DIFFERENT: f64 = 1.5;
-/// Largest number of plays.
+/// Largest number of values of the play.
 const MAX_PLAYS: usize = 48;
 
-/// A play, the logarithm of its posterior density, and the fit of everything else.
+/// A value of the play, the logarithm of its posterior density, and the fit of the other parameters.
 struct Node {
     play_mm: f64,
     ln_density: f64,
     fit: Fitted,
 }
 
-/// The fit with values and covariance of the posterior over all plays; the same where play is not among its effects.
+/// The fit with values, standard deviations and correlations over all values of the play; unchanged if the play is not among its effects.
 ///
 /// # Errors
 /// [`FitError`] where there is no fit.
@@ -64,7 +64,7 @@ pub(super) fn over_plays(
         let ln_density = fit.log_evidence - 0.5 * ((play_mm - prior_before.mean) / prior_before.sd).powi(2);
         Ok(Node { play_mm, ln_density, fit })
     };
-    // Those around the free fit, too, which may have found a larger one.
+    // Values around the free fit are added, because it may have found a larger play.
     let (own_play_mm, sd_mm) = (fitted.values()[layout.first_of(index)], fitted.sd(layout.first_of(index)));
     let nearby_mm = AROUND_SD.map(|sds| (own_play_mm + sds * sd_mm).clamp(info.range[0], info.range[1]));
     let mut first_mm: Vec<f64> = FIRST_MM.into_iter().chain(nearby_mm).collect();
@@ -82,7 +82,7 @@ pub(super) fn over_plays(
         nodes.sort_by(|a, b| a.play_mm.total_cmp(&b.play_mm));
     }
     let (values, sds) = profile(&nodes, layout.first_of(index));
-    // Correlated as over all plays.
+    // The correlations are those of the posterior over all values of the play.
     let covariance = moments(&nodes);
     let scales: Vec<f64> =
         (0..sds.len()).map(|i| sds[i] / covariance[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
@@ -90,10 +90,11 @@ pub(super) fn over_plays(
     Ok(fitted.with_moments(values, scaled))
 }
 
-/// Middle of every parameter's interval, and its standard deviation were it that of a normal distribution; `own` is the play itself.
+/// Middle of the profile interval of every parameter, and the standard deviation of the normal distribution with this interval. `own` is
+/// the index of the play.
 fn profile(nodes: &[Node], own: usize) -> (Vec<f64>, Vec<f64>) {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
-    // Remainder of the square of 1.96 at a play.
+    // The square of 1.96 less twice the decrease of the log density at each node.
     let remainders: Vec<f64> =
         nodes.iter().map(|node| NORMAL_975 * NORMAL_975 - 2.0 * (most - node.ln_density)).collect();
     let count = nodes.first().map_or(0, |node| node.fit.values().len());
@@ -104,7 +105,7 @@ fn profile(nodes: &[Node], own: usize) -> (Vec<f64>, Vec<f64>) {
             (*low, *high) = (low.min(value - half), high.max(value + half));
         }
     }
-    // The ends of the play lie between two plays.
+    // The ends of the interval of the play are interpolated between nodes.
     if let Some([low, high]) = intervals.get_mut(own) {
         for (pair, remainders) in nodes.windows(2).zip(remainders.windows(2)) {
             let ([a, b], [start_remainder, end_remainder]) = (pair, remainders) else { continue };
@@ -118,7 +119,7 @@ fn profile(nodes: &[Node], own: usize) -> (Vec<f64>, Vec<f64>) {
     intervals.into_iter().map(|[low, high]| (0.5 * (low + high), 0.5 * (high - low) / NORMAL_975)).unzip()
 }
 
-/// Plays between which the posterior is not known well enough yet.
+/// Further values of the play, between neighbours where the grid is too coarse.
 fn to_refine(nodes: &[Node]) -> Vec<f64> {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
     let weights = weights(nodes);
@@ -135,7 +136,7 @@ fn to_refine(nodes: &[Node]) -> Vec<f64> {
     coarse.map(|(a, b)| 0.5 * (a.play_mm + b.play_mm)).collect()
 }
 
-/// Probability of every play: its density over the stretch that it stands for.
+/// Probability of every node: its density times the width of its cell.
 fn weights(nodes: &[Node]) -> Vec<f64> {
     let most = nodes.iter().map(|node| node.ln_density).fold(f64::NEG_INFINITY, f64::max);
     let weights: Vec<f64> = nodes
@@ -151,7 +152,7 @@ fn weights(nodes: &[Node]) -> Vec<f64> {
     weights.into_iter().map(|weight| weight / sum).collect()
 }
 
-/// Covariance of the parameters over all plays.
+/// Covariance of the parameters over all values of the play.
 fn moments(nodes: &[Node]) -> DMatrix<f64> {
     let weights = weights(nodes);
     let count = nodes.first().map_or(0, |node| node.fit.values().len());

@@ -9,27 +9,27 @@ use mechanics::{Experiment, Insertion, ModelError, Profile};
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Smooth changes over depth have waves of twice this length over their number, numbers from 1 up to these.
+/// Smooth changes over depth are cosines with a period of twice this length divided by their number, and numbers up to the following.
 const SMOOTH_M: f64 = 100e-3;
 const LOAD_WAVES: usize = 4;
 const PATH_WAVES: usize = 3;
 const DIRECTION_WAVES: usize = 3;
-/// Knots of a smooth load.
+/// Spacing of the knots of a smooth load.
 const KNOT_M: f64 = 4e-3;
-/// Steps of the differences.
+/// Steps of the numerical derivatives.
 const LN_STEP: f64 = 1e-3;
 const SHIFT_STEP_M: f64 = 1e-4;
 const ROLL_STEP_RAD: f64 = 1e-3;
 
-/// All groups; lateral runs have none of their patterns.
+/// All groups of insertions; lateral runs have no patterns of them.
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
     let mut groups = Groups::new(all, Kind::Insertion);
-    // The size of something that happens once cannot be found from it: it is known.
+    // A single realisation does not determine the size of an imperfection: these sizes are known.
     groups.add(&size::MODULUS_OF_ONE, Scope::Own, Cause::Run, modulus)?;
     groups
         .add(&size::LOAD_OF_ONE, Scope::Own, Cause::Run, |around| Ok(vec![under_load(around, &|_| 1.0)?]))?;
     let by_hand = all.iter().any(|around| around.model.rig.has_one_guide());
-    // The same groups by name, so that what a model file states of them holds for both.
+    // Both variants have the same names, so that the sizes in a model file apply to both.
     let [angle, tilt] = if by_hand {
         [
             Unknown { name: size::ENTRY_ANGLE.name, ..size::ENTRY_ANGLE_BY_HAND },
@@ -50,14 +50,14 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
     groups
         .add(&size::SMOOTH_DIRECTION, Scope::Shared, Cause::Physics, |around| Ok(smooth_direction(around)))?;
-    // A sensor is some millimetres long, and behind the tip.
+    // A direction sensor is some millimetres long, and lies behind the tip.
     groups.add(&size::DIRECTION_PROPORTIONAL, Scope::Shared, Cause::Physics, |around| {
         Ok(proportional_direction(around))
     })?;
     groups.add(&size::DIRECTION_PROPORTIONAL_OF_ONE, Scope::Own, Cause::Physics, |around| {
         Ok(proportional_direction(around))
     })?;
-    // A hand takes the needle again, along another line.
+    // After remounting, a hand holds the needle along another line.
     groups.add(&tilt, Scope::Shared, Cause::Instrument { mounted: by_hand }, |around| Ok(linear(around)))?;
     groups.add(&sensors::COIL_ANGLE, Scope::Shared, Cause::INSTRUMENT, |around| Ok(coil(around)))?;
     groups.add(&rig::GUIDE2_ZERO, Scope::Shared, Cause::Physics, guide2)?;
@@ -66,7 +66,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     Ok(groups.shown())
 }
 
-/// Change of the path by the logarithm of the modulus.
+/// Derivative of the path with respect to the logarithm of the modulus.
 fn modulus(around: &Around<'_>) -> Made {
     let slope = around.slope(LN_STEP, |model, _| {
         model.foundation = model.foundation.scaled(LN_STEP.exp())?;
@@ -75,7 +75,7 @@ fn modulus(around: &Around<'_>) -> Made {
     Ok(vec![slope?])
 }
 
-/// Change of the path where the surface is farther away.
+/// Derivative of the path with respect to the distance of the surface.
 fn entry(around: &Around<'_>) -> Made {
     let slope = around.slope(SHIFT_STEP_M, |model, _| {
         model.rig.entry_m += SHIFT_STEP_M;
@@ -84,7 +84,7 @@ fn entry(around: &Around<'_>) -> Made {
     Ok(vec![slope?])
 }
 
-/// Change of the path where the bevel is rolled.
+/// Derivative of the path with respect to the roll of the bevel.
 fn roll(around: &Around<'_>) -> Made {
     let slope = around.slope(ROLL_STEP_RAD, |model, _| {
         model.tip.along_bevel.roll_rad += ROLL_STEP_RAD;
@@ -93,14 +93,14 @@ fn roll(around: &Around<'_>) -> Made {
     Ok(vec![slope?])
 }
 
-/// Changes of the path under loads that vary with depth.
+/// Changes of the path by tip loads that vary with depth.
 fn load_waves(around: &Around<'_>) -> Made {
     (1..=LOAD_WAVES)
         .map(|k| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos()))
         .collect()
 }
 
-/// Change of the path where the tip load is larger by a share that varies with depth.
+/// Change of the path if the tip load is larger by a fraction that varies with depth.
 fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64>, ModelError> {
     let last_m = around.run.depth_m;
     let count = (last_m / KNOT_M).ceil().max(1.0) as usize;
@@ -116,7 +116,7 @@ fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64
     })
 }
 
-/// In each plane the path and the needle turned by an angle.
+/// Rotation of the path and the needle's direction by an angle, in each plane.
 fn linear(around: &Around<'_>) -> Vec<Vec<f64>> {
     [0, 1]
         .into_iter()
@@ -130,22 +130,22 @@ fn linear(around: &Around<'_>) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// In each plane the measured direction turned by an angle.
+/// Rotation of the measured direction by an angle, in each plane.
 fn coil(around: &Around<'_>) -> Vec<Vec<f64>> {
     waves(around, 0..1, |datum| matches!(datum.source, Source::Direction(_)))
 }
 
-/// In each plane something smooth in depth that the position of the tip has.
+/// Smooth changes of the tip's position over depth, in each plane.
 fn smooth(around: &Around<'_>) -> Vec<Vec<f64>> {
     waves(around, 1..PATH_WAVES + 1, |datum| matches!(datum.source, Source::Tip(_)))
 }
 
-/// In each plane something smooth in depth that the direction of the tip has.
+/// Smooth changes of the tip's direction over depth, in each plane.
 fn smooth_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
     waves(around, 1..DIRECTION_WAVES + 1, |datum| matches!(datum.source, Source::Direction(_)))
 }
 
-/// In each plane the direction larger by a share that is smooth in depth.
+/// Changes of the direction by a fraction that is smooth in depth, in each plane.
 fn proportional_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
     [0, 1]
         .into_iter()
@@ -161,7 +161,7 @@ fn proportional_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Waves over depth of these numbers in each plane, in some of the data.
+/// Cosines over depth with these numbers, in each plane, for some of the data.
 fn waves(around: &Around<'_>, numbers: Range<usize>, shows: impl Fn(&Datum) -> bool) -> Vec<Vec<f64>> {
     [0, 1]
         .into_iter()
@@ -175,7 +175,7 @@ fn waves(around: &Around<'_>, numbers: Range<usize>, shows: impl Fn(&Datum) -> b
         .collect()
 }
 
-/// In each plane guide 2 is off by a constant.
+/// Derivative of the path with respect to a constant error of guide 2, in each plane.
 fn guide2(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
     [0, 1]
         .into_iter()

@@ -11,28 +11,28 @@ use mechanics::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 
-/// Thickness of the slices in which the modulus may differ, and the length over which it does so alike.
+/// Thickness of the slices in which the modulus may differ, and correlation length of these differences.
 const SLICE_M: f64 = 3e-3;
 const ALIKE_M: f64 = 10e-3;
-/// Share of the variance of slices that neighbours have in common.
+/// Limit of the correlation of two slices at small distances.
 const ALIKE: f64 = 0.7;
-/// Distance of the points of a pattern that repeats in every sweep.
+/// Spacing of the nodes of a shape error that repeats in every sweep, and largest number of nodes.
 const REPEAT_M: f64 = 1e-3;
 const MAX_REPEATS: usize = 60;
-/// Smooth errors of the shape have waves of twice this length over their number, numbers below this.
+/// Smooth errors of the shape are cosines with a period of twice this length divided by their number, and numbers below the following.
 const SMOOTH_M: f64 = 40e-3;
 const SMOOTH: usize = 5;
-/// Smooth errors of a single run.
+/// Number of smooth errors of a single run.
 const SMOOTH_OF_RUN: usize = 2;
-/// Times after which a force sensor has crept: those of holds, of steps between them, and of runs.
+/// Time constants of the creep of a force sensor: they cover the durations of steps, of holds and of runs.
 const CREEP_S: [f64; 3] = [1.0, 4.0, 16.0];
-/// Steps of the differences: logarithm of the modulus, share of the stiffness, metres.
+/// Steps of the numerical derivatives: relative (modulus, stiffness), then in metres.
 const LN_STEP: f64 = 1e-3;
 const ENTRY_STEP_M: f64 = 1e-5;
 const CLEARANCE_STEP_M: f64 = 5e-6;
 const MM: f64 = 1e-3;
 
-/// Whether a datum is of the force, and of the plane in which guide 2 moves.
+/// Whether a datum is a force, whether its plane is that in which guide 2 moves, and its plane.
 struct Part {
     force: bool,
     driven: bool,
@@ -45,7 +45,7 @@ fn part(around: &Around<'_>, index: usize) -> Part {
     Part { force: matches!(datum.source, Source::Force(_)), driven: plane == around.run.axis, plane }
 }
 
-/// All groups; runs of another kind have none of their patterns.
+/// All groups of lateral runs; insertions have no patterns of them.
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
     let mut groups = Groups::new(all, Kind::Lateral);
     let deepest_m = groups.around().map(|around| around.run.depth_m).fold(0.0, f64::max);
@@ -185,10 +185,10 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             .collect())
     })?;
 
-    // A statement about the rig is not exact.
+    // Tolerances of stated properties of the rig.
     if let Some(first) = groups.around().next() {
         let rig = &first.model.rig;
-        // With two guides it is an unknown of the model; only what a remounted needle changes is left to a pattern.
+        // With two guides the position of the surface is a parameter of the model; a pattern is needed only for its change by remounting.
         let is_unknown = !rig.has_one_guide();
         let is_remounted = all.iter().any(|around| around.run.is_reference);
         if is_remounted || !is_unknown {
@@ -211,7 +211,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     groups.add(&sensors::FORCE_GAIN, Scope::Shared, Cause::Physics, |around| {
         Ok(vec![force(around, |force_n| force_n)])
     })?;
-    // No bearing is without any clearance.
+    // Every bearing has some clearance.
     if let Some(clearance) = effect("rig.backlash") {
         groups.add(&of_rig::CLEARANCE, Scope::Shared, Cause::Physics, |around| {
             Ok(vec![around.slope(CLEARANCE_STEP_M, |model, _| {
@@ -223,12 +223,12 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     Ok(groups.shown())
 }
 
-/// A wave over depth.
+/// A cosine over depth.
 fn wave(k: usize, depth_m: f64) -> f64 {
     (k as f64 * PI * depth_m / SMOOTH_M).cos()
 }
 
-/// The shape larger by a share that is a wave over depth.
+/// Change of the shape by a fraction that is a cosine over depth.
 fn proportional(around: &Around<'_>, k: usize) -> Vec<f64> {
     around.each(
         |i, datum| {
@@ -237,7 +237,7 @@ fn proportional(around: &Around<'_>, k: usize) -> Vec<f64> {
     )
 }
 
-/// A pattern of the force that depends on the predicted one, N.
+/// A pattern of the force as a function of the predicted force, N.
 fn force(around: &Around<'_>, pattern: impl Fn(f64) -> f64) -> Vec<f64> {
     around.each(|i, _| if part(around, i).force { pattern(around.predicted[i]) } else { 0.0 })
 }
@@ -251,7 +251,7 @@ fn largest_force_n(around: &Around<'_>) -> f64 {
     forces.map(|i| around.predicted[i].abs()).fold(0.0, f64::max)
 }
 
-/// The predicted force less its own past, smoothed with a time: zero before the first reading.
+/// The predicted force less its exponential moving average with a time constant; zero at the first reading.
 fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
     let mut lag_n = vec![0.0; around.predicted.len()];
     for plane in [0, 1] {
@@ -266,7 +266,7 @@ fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
         let mut last: Option<(f64, f64, f64)> = None;
         for (i, now_s) in times_s {
             let force_n = around.predicted[i];
-            // Between readings the force is taken as linear in time.
+            // The force is taken as linear in time between readings.
             let smoothed_n = match last {
                 Some((before_s, before_n, smoothed_n)) if now_s > before_s => {
                     let ramp_n = (force_n - before_n) * smoothed_s / (now_s - before_s);
@@ -290,7 +290,7 @@ fn by_ln_modulus(around: &Around<'_>) -> Result<Vec<f64>, ModelError> {
     })
 }
 
-/// Slices of the modulus that are partly alike: amplitudes of unit variance times this have neighbours in common.
+/// Root of the covariance of the slices of the modulus: multiplied by independent amplitudes of unit variance it gives correlated slices.
 fn slices_alike(count: usize) -> DMatrix<f64> {
     let covariance = DMatrix::from_fn(count, count, |i, j| {
         let distance_m = SLICE_M * (i as f64 - j as f64);
@@ -300,7 +300,7 @@ fn slices_alike(count: usize) -> DMatrix<f64> {
     covariance.cholesky().map_or_else(|| DMatrix::identity(count, count), |factor| factor.unpack())
 }
 
-/// Change of the prediction by the logarithm of the modulus in every slice, as springs have it, and mixed.
+/// Derivative of the prediction of springs with respect to the logarithm of the modulus in every slice, times the root `mix`.
 fn by_slices(around: &Around<'_>, mix: &DMatrix<f64>) -> Result<Vec<Vec<f64>>, ModelError> {
     let modulus_pa = around.model.foundation.modulus_pa(0.5 * around.run.depth_m).max(1.0);
     let uniform = on_foundation(around, Foundation::uniform(modulus_pa)?)?;
@@ -338,9 +338,10 @@ fn on_foundation(around: &Around<'_>, foundation: Foundation) -> Result<Vec<f64>
     Ok(predicted(around.run, &predict_with(&model, &around.run.experiment, around.cache)?))
 }
 
-/// The plane that is not driven reads a share of the driven one: force and shape, alike and opposite in runs along both axes.
+/// Fractions of the driven plane's force and shape that the other plane reads, with equal and with opposite signs in runs along the two
+/// axes.
 fn axes(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
-    // Reading of the driven plane's motion in the other plane.
+    // The response of each plane to the motion of the other one.
     let rotated = around.slope(1.0, |_, experiment| {
         if let Experiment::Lateral(lateral) = experiment {
             for sample in &mut lateral.drive {

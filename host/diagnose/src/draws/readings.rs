@@ -1,10 +1,10 @@
 //! Readings predicted by draws, and the likelihood of the measured readings.
 //!
-//! Readings are linear in the parameters around each fit. A predicted reading includes a discrepancy of the fit's sizes and
-//! noise. The density of a reading is conditional on all others, `-ln(2 pi)/2 + ln(c)/2 - g^2/(2 c)` with `g = S^-1 r` and `c`
+//! Readings are linearised in the parameters around each fit. A predicted reading includes noise and a draw of the discrepancy with
+//! the sizes of the fit. The density of a reading is conditional on all others, `-ln(2 pi)/2 + ln(c)/2 - g^2/(2 c)` with `g = S^-1 r` and `c`
 //! the diagonal of `S^-1`, because the discrepancy correlates readings (Bürkner, Gabry and Vehtari, "Efficient leave-one-out
-//! cross-validation for Bayesian non-factorized normal and Student-t models", Computational Statistics 36:1243, 2021); it is
-//! that of whitened readings.
+//! cross-validation for Bayesian non-factorized normal and Student-t models", Computational Statistics 36:1243, 2021). It is
+//! that of the whitened readings.
 
 use super::{Deviations, MAX_TRIES, PRIOR, add_prior_parameters, from_prior};
 use crate::data::{Channel, Datum};
@@ -15,13 +15,13 @@ use nalgebra::{DMatrix, DVector};
 use readings::FitError;
 use readings::draws::{Draws, Group, Random};
 
-/// Runs, and what every rig leaves behind any model of them.
+/// Runs, and the patterns of the discrepancy.
 pub(crate) struct Readings<'a> {
     pub runs: &'a [Prepared],
     pub patterns: &'a Patterns,
 }
 
-/// Predicted readings and log densities of each run: readings by draws.
+/// Predicted readings and log densities of each run, as matrices of readings by draws.
 type OfRuns = Vec<[DMatrix<f64>; 2]>;
 
 impl Readings<'_> {
@@ -55,11 +55,12 @@ impl Readings<'_> {
         Ok(())
     }
 
-    /// Adds parameters of a model from their priors, its modulus under `modulus`, and the readings that it predicts with them, discrepancy of everyday
-    /// sizes and noise. The model itself is evaluated for each draw: priors are too wide for its linear form.
+    /// Adds draws of a model's parameters from their priors, its modulus under the name `modulus`, and the readings that it predicts with
+    /// them, with noise and a discrepancy of everyday sizes. The model is evaluated for each draw, because priors are too wide for a
+    /// linearised model.
     ///
     /// # Errors
-    /// [`FitError`] where the model has a solution for none of many draws.
+    /// [`FitError`] if the model has no solution for many draws in a row.
     pub fn add_prior(&self, own: &Fitted, modulus: &str, draws: &mut Draws) -> Result<(), FitError> {
         let options = draws.options();
         let mut random = Random::new(options.seed, PRIOR);
@@ -89,7 +90,7 @@ impl Readings<'_> {
         Ok(())
     }
 
-    /// Predicted readings and log densities of the draws that have a model.
+    /// Predicted readings and log densities of the draws of one model.
     fn of_model(
         &self,
         fitted: &Fitted,
@@ -129,7 +130,7 @@ impl Readings<'_> {
     }
 }
 
-/// Readings of a run from whitened distances between measurement and model, noise added.
+/// Readings of a run from whitened residuals, with noise added.
 fn predicted(run: &Prepared, white: DMatrix<f64>, random: &mut Random) -> DMatrix<f64> {
     let mut predicted = white;
     for mut column in predicted.column_iter_mut() {

@@ -5,7 +5,7 @@ use worlds::Design;
 
 const OPTIONS: DrawOptions = DrawOptions { chains: 4, draws: 500, seed: 1 };
 
-/// A named effect: its parameter, given a model that has it, and what does not depend on the draws.
+/// The draws of a named effect's parameter agree with its interval, and predicted readings with the observed ones.
 #[test]
 fn a_named_effect_is_drawn_as_its_interval_states() {
     let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
@@ -28,7 +28,7 @@ fn a_named_effect_is_drawn_as_its_interval_states() {
     let coverage =
         of_first.iter().filter(|value| (low..=high).contains(*value)).count() as f64 / of_first.len() as f64;
     assert!(coverage > 0.93, "{coverage} within {low} to {high}");
-    // Readings: what was taken is as likely as what is predicted.
+    // The mean observed reading is within the spread of the mean predicted readings.
     let names: Vec<&str> = draws.variables(Group::ObservedData).collect();
     assert!(names.len() >= 8, "{names:?}");
     for name in names {
@@ -54,7 +54,7 @@ fn a_named_effect_is_drawn_as_its_interval_states() {
     }
 }
 
-/// Densities of readings that discrepancy makes depend on each other, against dense matrices.
+/// The diagonal of the inverse covariance of readings that the discrepancy correlates is compared with that of dense matrices.
 #[test]
 fn densities_of_readings_given_all_others_are_those_of_dense_matrices() {
     let session = worlds::session(&truth(Vec::new()), &Design::four_runs(), 5);

@@ -5,15 +5,15 @@ use crate::noise::Segment;
 use nalgebra::DVector;
 use std::ops::Range;
 
-/// Means over blocks are fitted where a run has more readings than this: a law of ten numbers and a correlated noise need hundreds, and the work
-/// grows with them.
+/// If a channel of a run has more readings than this, means over blocks are fitted: laws and correlated noise need hundreds of readings,
+/// and the work grows with their number.
 const MAX_READINGS: usize = 800;
 
 /// A run with its readings in blocks.
 pub(crate) struct Prepared<'a> {
     pub run: &'a Run,
     pub segments: Vec<Segment>,
-    /// Readings of each block, of all channels one after the other.
+    /// Channel and readings of each block, channel by channel.
     blocks: Vec<(usize, Vec<usize>)>,
     measured: DVector<f64>,
 }

@@ -2,15 +2,15 @@
 //!
 //! Given the residuals of the fitted runs, the amplitudes of the shared functions have a posterior with mean `mu` and
 //! covariance `R^T R` (in units of their sizes). A further run also has amplitudes of its own, and the parameters of the model
-//! are uncertain: a change by one standard deviation along a principal axis of their covariance changes the residuals by a
-//! column, and `mu` accordingly. So the whitened readings of further runs are `Phi s mu + U a + e`, where e is noise and a has
-//! independent entries of unit variance. U has a column for each amplitude of the run itself, each column of the root R, and
-//! each principal axis of the parameters.
+//! are uncertain: a step along a column of a root of their covariance changes the residuals by a column, and `mu`
+//! accordingly. So the whitened readings of further runs are `Phi s mu + U a + e`, where e is noise and a has
+//! independent entries of unit variance. U has a column for each amplitude of the run itself, each row of the root R, and
+//! each column of the root of the parameters' covariance.
 //!
 //! The parts of the runs are predicted one after the other, each given the parts before it. With `Lambda = I + sum U^T U` and
 //! `eta = sum U^T d` over the parts so far, minus twice the logarithm of their joint density is `sum d^T d - eta^T Lambda^-1
-//! eta + ln det Lambda`, and the term of a part is the increment that it causes. So the terms add up to the joint density, and
-//! a common error of a run, such as its zero, counts once: the first part estimates it for the others.
+//! eta + ln det Lambda`, and the term of a part is its increment. So the terms add up to the joint density, and a common error
+//! of a run, such as its zero, counts once: the first part estimates it for the others.
 
 use super::{Patterns, scale_columns, sizes_of};
 use nalgebra::{DMatrix, DVector};
@@ -27,8 +27,7 @@ pub struct SharedAmplitudes {
 pub struct FurtherRun {
     /// Number of the run in the basis.
     pub run: usize,
-    /// Its whitened residuals, then their change for one standard deviation of the parameters along each principal axis of
-    /// their covariance.
+    /// Its whitened residuals, then their change along each column of a root of the parameters' covariance.
     pub columns: DMatrix<f64>,
     /// Readings of every part.
     pub parts: Vec<Vec<usize>>,
@@ -39,13 +38,13 @@ pub struct FurtherRun {
 pub struct Ahead {
     /// Squared Mahalanobis distance of the readings from their expectation.
     pub square: f64,
-    /// Logarithm of the determinant of that covariance, in units of noise.
+    /// Logarithm of the determinant of the covariance of that expectation and noise, in units of the noise.
     pub ln_determinant: f64,
     /// Number of readings.
     pub readings: usize,
 }
 
-/// Knowledge of the amplitudes a.
+/// Posterior of the amplitudes a: its precision Lambda, and the precision times the mean, eta.
 struct Known {
     precision: DMatrix<f64>,
     by_precision: DVector<f64>,
@@ -56,7 +55,7 @@ impl Known {
         Self { precision: DMatrix::identity(count, count), by_precision: DVector::zeros(count) }
     }
 
-    /// With so many further amplitudes before the others.
+    /// The same posterior with `own` further amplitudes of the prior before the others.
     fn beside(self, own: usize) -> Self {
         let Self { precision, by_precision } = self;
         let count = own + by_precision.len();
@@ -74,7 +73,7 @@ impl Known {
     }
 }
 
-/// The same with its factor.
+/// A posterior with the Cholesky factor of its precision.
 struct Solved {
     /// `eta^T Lambda^-1 eta`, and the logarithm of the determinant of Lambda.
     square: f64,
@@ -84,7 +83,7 @@ struct Solved {
 }
 
 impl Solved {
-    /// Knowledge of the last amplitudes alone.
+    /// Marginal posterior of the last amplitudes.
     fn of_last(&self, last: usize) -> Known {
         let first = self.solved.len() - last;
         let root = self.factor.view((first, first), (last, last));
@@ -93,7 +92,7 @@ impl Solved {
 }
 
 impl Patterns {
-    /// Only the first `count` runs.
+    /// The patterns of the first `count` runs.
     #[must_use]
     pub fn of_first(&self, count: usize) -> Self {
         let first_runs = self.runs.iter().take(count).cloned().collect();

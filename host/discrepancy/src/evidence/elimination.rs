@@ -1,18 +1,18 @@
-//! Scalar products of many columns in the metric of noise and discrepancy, of which each is needed with a few others only.
+//! Scalar products of many columns in the metric of noise and discrepancy, where only few of the products are needed.
 //!
-//! `C^T S^-1 C = C^T C - V^T V` where `V` depends only on the columns' products with the basis functions. Once these are known,
-//! other sizes need no further pass over the readings.
+//! `C^T S^-1 C = C^T C - V^T V`, where `V` depends only on the columns' scalar products with the basis functions. Once these
+//! products are known, other sizes need no further pass over the readings.
 
 use super::factor::inverse_root;
 use super::{Patterns, Products, sizes_of};
 use nalgebra::{DMatrix, DVector};
 
-/// Basis functions at some sizes, eliminated.
+/// Elimination of the basis functions at some sizes.
 #[derive(Debug)]
 pub struct Elimination {
     runs: Vec<OfRun>,
     shared_sizes: DVector<f64>,
-    /// Inverse of the factor of the shared patterns after those of single runs.
+    /// Inverse of the Cholesky factor of the shared patterns, after those of single runs were eliminated.
     root: DMatrix<f64>,
 }
 
@@ -20,9 +20,9 @@ pub struct Elimination {
 #[derive(Debug)]
 struct OfRun {
     sizes: DVector<f64>,
-    /// Inverse of the factor of these patterns.
+    /// Inverse of the Cholesky factor of these patterns.
     root: DMatrix<f64>,
-    /// Shared patterns that the run shows, and their products with these patterns in the factor's space.
+    /// Shared patterns that the run shows, and `root` times the scalar products with them.
     shown: Vec<usize>,
     by_shown: DMatrix<f64>,
 }

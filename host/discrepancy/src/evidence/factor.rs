@@ -1,14 +1,14 @@
-//! Products and factors of the equations of the evidence.
+//! Matrix products and Cholesky factors of the evidence.
 
 use nalgebra::{Cholesky, DMatrix, Dyn};
 
-/// Columns of a block of products of which one triangle is needed.
+/// Number of columns of a block of a symmetric product.
 const BLOCK: usize = 32;
-/// Side of a triangle that is inverted column by column.
+/// Side of the largest triangle that is inverted column by column.
 const SMALL_BLOCK: usize = 12;
 
-/// Takes the scalar products of columns off the lower triangle of a matrix in which they have these places, in increasing order; block by
-/// block, as one product would compute both triangles.
+/// Subtracts the scalar products of columns from the lower triangle of a matrix, in which the columns have these places, in increasing
+/// order. The products are computed in blocks, because a single product would compute both triangles.
 pub(super) fn take_off_products(matrix: &mut DMatrix<f64>, columns: &DMatrix<f64>, places: &[usize]) {
     let transposed = columns.transpose();
     let mut start = 0;
@@ -28,8 +28,8 @@ pub(super) fn ln_diagonal(factor: &Cholesky<f64, Dyn>) -> f64 {
     factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum()
 }
 
-/// Inverse of the lower triangle L of a factor: the inverse of `L L^T` is its transpose times itself. Most of the time of a diagnosis goes
-/// into what these inverses serve, so that they consist of products of matrices, which libraries have for every processor.
+/// Inverse R of the lower triangle L of a Cholesky factor, so that `(L L^T)^-1 = R^T R`. A diagnosis spends most of its time here and in
+/// products with R; therefore the inverse is computed by matrix products, which libraries optimise for every processor.
 pub(super) fn inverse_root(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     let lower = factor.l_dirty();
     let mut root = DMatrix::zeros(lower.nrows(), lower.ncols());
@@ -37,7 +37,7 @@ pub(super) fn inverse_root(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     root
 }
 
-/// The inverse of the triangle of so many rows and columns behind the first ones:
+/// Inverse of the triangle with `side` rows and columns that begins at row `first`:
 /// `[A, 0; C, B]^-1 = [A^-1, 0; -B^-1 C A^-1, B^-1]`.
 fn invert_block(lower: &DMatrix<f64>, root: &mut DMatrix<f64>, first: usize, side: usize) {
     if side <= SMALL_BLOCK {

@@ -1,26 +1,27 @@
 //! Evidence and intervals integrated over the sizes of the discrepancy instead of at their most probable values (theory, eq.
 //! 61).
 //!
-//! With `G = M^-1` and `m = G L b` of the evidence, the second derivatives of `-ln Z` by the logarithms of the sizes of groups g and h are
+//! With `G = M^-1` and `m = G L b` of the evidence, the second derivatives of `-ln Z` with respect to the logarithms of the sizes of
+//! groups g and h are
 //!
 //! `H_gh = 2 d_gh sum_g (G_jj + m_j^2) - 2 sum_gh G_jk^2 - 4 sum_gh m_j G_jk m_k`
 //!
-//! and those of the prior. The evidence integrated over the sizes is smaller by `ln det(H) / 2` (Laplace). Mean and covariance of the
-//! parameters depend on the sizes: along each principal axis of H they are evaluated at three points, weighted by the evidence
-//! there, and the second moments of the axes are added (Rue, Martino and Chopin, "Approximate Bayesian inference for latent
+//! plus those of the prior. The log evidence integrated over the sizes is smaller by `ln det(H) / 2`, up to a constant (Laplace).
+//! Mean and covariance of the parameters depend on the sizes: along each principal axis of H they are evaluated at three points,
+//! weighted by the evidence there, and the excess second moments of all axes are added (Rue, Martino and Chopin, "Approximate Bayesian inference for latent
 //! Gaussian models by using integrated nested Laplace approximations", 2009).
 
 use super::{Evidence, Patterns, Products, Reduced};
 use nalgebra::{DMatrix, DVector};
 
-/// Points on an axis, in standard deviations, and their weights for a normal density (Gauss and Hermite).
+/// Distance of the outer points on an axis, in standard deviations, and their weight for a normal density (Gauss-Hermite).
 const POINT_SD: f64 = 1.732_050_807_568_877_2;
 const POINT_WEIGHT: f64 = 1.0 / 6.0;
-/// A point's weight differs from the normal one by this factor at most.
+/// Largest factor between the weight of a point and its weight for a normal density.
 const MAX_SKEW: f64 = 4.0;
 
 impl Patterns {
-    /// Second derivatives of minus the log evidence by the logarithms of the free sizes, and which groups these are.
+    /// Groups with free sizes, and the second derivatives of minus the log evidence with respect to the logarithms of these sizes.
     fn curvature(&self, sizes: &[f64], products: &Products) -> Option<(Vec<usize>, DMatrix<f64>)> {
         let reduced = self.reduced_beside_residuals(sizes, products)?;
         let free = self.free();
@@ -28,7 +29,7 @@ impl Patterns {
         Some((free, curvature))
     }
 
-    /// The same after elimination.
+    /// The second derivatives after elimination.
     pub(super) fn curvature_of(&self, sizes: &[f64], reduced: &Reduced, free: &[usize]) -> DMatrix<f64> {
         let shared = self.shared_groups.len();
         let kept_count = reduced.root.ncols();
@@ -87,15 +88,15 @@ impl Patterns {
         curvature
     }
 
-    /// Curvatures below this are taken for it: the prior alone has more below its everyday size, `1 / smaller_sd_ln^2`.
+    /// Smallest curvature that is used, half of that of the widest prior below its everyday size, `1 / smaller_sd_ln^2`.
     fn min_curvature(&self) -> f64 {
         let widest = self.groups.iter().map(|group| group.smaller_sd_ln).fold(0.0, f64::max);
         0.5 / (widest * widest)
     }
 
     /// Change of the log evidence by integration over the sizes around their most probable values, up to a constant that all
-    /// hypotheses share; `None` for an invalid size. It is lower for a size that the data determine than for one that keeps the
-    /// width of its prior.
+    /// hypotheses share; `None` for an invalid size. A size that the data determine lowers it more than one whose posterior is as
+    /// wide as its prior.
     pub fn ln_volume_of_sizes(&self, sizes: &[f64], products: &Products) -> Option<f64> {
         let (_, curvature) = self.curvature(sizes, products)?;
         if curvature.is_empty() {
@@ -140,7 +141,7 @@ impl Patterns {
     }
 }
 
-/// The density at a point in units of the normal one.
+/// Ratio of the density at a point to that of the normal approximation.
 fn skew(here: &Evidence, there: &Evidence) -> f64 {
     let normal = 0.5 * POINT_SD * POINT_SD;
     (here.minus_ln + normal - there.minus_ln).exp().clamp(MAX_SKEW.recip(), MAX_SKEW)

@@ -6,7 +6,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 /// `S^-1` with `S = I + Phi diag(s^2) Phi^T`.
 #[derive(Debug)]
 pub struct Inverse {
-    /// Patterns of each run: its readings by all patterns, one standard deviation of each.
+    /// For each run, its readings by all patterns; every pattern is multiplied by the size of its group.
     patterns: Vec<DMatrix<f64>>,
     factor: Cholesky<f64, Dyn>,
 }
@@ -18,7 +18,7 @@ impl Patterns {
         let shared_sizes = sizes_of(&self.shared_groups, sizes);
         let count = shared + self.runs.iter().map(|run| run.own_groups.len()).sum::<usize>();
         let mut normal = DMatrix::identity(count, count);
-        let mut run_inverses = Vec::with_capacity(self.runs.len());
+        let mut run_patterns = Vec::with_capacity(self.runs.len());
         let mut first = shared;
         for run in &self.runs {
             let mut patterns = DMatrix::zeros(run.own.nrows(), count);
@@ -29,9 +29,9 @@ impl Patterns {
             scale_columns(&mut patterns.columns_mut(first, run.own.ncols()), &run_sizes);
             first += run.own.ncols();
             normal.gemm_tr(1.0, &patterns, &patterns, 1.0);
-            run_inverses.push(patterns);
+            run_patterns.push(patterns);
         }
-        Some(Inverse { patterns: run_inverses, factor: normal.cholesky()? })
+        Some(Inverse { patterns: run_patterns, factor: normal.cholesky()? })
     }
 }
 
@@ -49,11 +49,11 @@ impl Inverse {
     /// `S^-1 C` of columns with one part per run.
     pub fn of(&self, columns: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
         let width = columns.first().map_or(0, DMatrix::ncols);
-        let mut run_columns = DMatrix::zeros(self.count(), width);
+        let mut projections = DMatrix::zeros(self.count(), width);
         for (patterns, part) in self.patterns.iter().zip(columns) {
-            run_columns.gemm_tr(1.0, patterns, part, 1.0);
+            projections.gemm_tr(1.0, patterns, part, 1.0);
         }
-        let amplitudes = self.factor.solve(&run_columns);
+        let amplitudes = self.factor.solve(&projections);
         self.patterns.iter().zip(columns).map(|(patterns, part)| part - patterns * &amplitudes).collect()
     }
 

@@ -1,20 +1,21 @@
 //! Maximization of the evidence over the sizes of the discrepancy's groups (theory, eq. 61).
 //!
-//! Newton's method in the logarithms of the sizes with the second derivatives of [`super::integrated`]: a diagnosis needs these
-//! sizes thousands of times, and a quasi-Newton method takes three times the evaluations. Far below the optimum of a size, `-ln
-//! Z` decreases exponentially in its logarithm, and Newton's method advances only by steps of one half. There the step of
-//! expectation and maximization, `s_g^2 <- mean of the variance and the squared mean of the group's amplitudes`, reaches the
-//! optimum at once (Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977).
+//! The method is Newton's in the logarithms of the sizes, with the second derivatives of [`super::integrated`]: a diagnosis needs
+//! these sizes thousands of times, and a quasi-Newton method takes three times as many evaluations. Far below the optimum of a
+//! size that the data determine, `-ln Z` falls as `1 / s_g^2`, and Newton's step in the logarithm is only one half. There one step of
+//! expectation and maximization, `s_g^2 <- mean of the second moments of the group's amplitudes`, reaches the optimum nearly at
+//! once (Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977).
 
 use super::{Evidence, Patterns, Products, Reduced};
 use nalgebra::{DMatrix, DVector};
 
-/// Steps at most, and trials of each.
+/// Largest numbers of steps, and of trials of a step.
 const MAX_STEPS: usize = 20;
 const MAX_TRIALS: usize = 8;
-/// The search ends where a step promises less than this of log evidence: models are told apart by whole units.
+/// The search ends when a step promises a smaller gain of log evidence than this: differences between models matter from about 1 on.
 const MIN_GAIN: f64 = 1e-3;
-/// Change of the logarithm of a size beyond which the second derivatives say nothing: its variance changes by the square of e.
+/// Largest first step of the logarithm of a size: it changes the variance by a factor of e^2, beyond which the second derivatives are
+/// not valid.
 const LONGEST_STEP: f64 = 1.0;
 
 /// A point of the search: logarithms of the free sizes.
@@ -25,7 +26,7 @@ struct Point {
     evidence: Evidence,
 }
 
-/// The objective: minus the log evidence at sizes of which these are free.
+/// The objective: minus the log evidence as a function of the free sizes; the others have the values of `sizes`.
 struct Objective<'a> {
     patterns: &'a Patterns,
     products: &'a Products,
@@ -34,7 +35,7 @@ struct Objective<'a> {
 }
 
 impl Objective<'_> {
-    /// Nothing where sizes make no sense.
+    /// The objective at a point; `None` for invalid sizes.
     fn at(&self, logarithms: DVector<f64>) -> Option<Point> {
         let mut sizes = self.sizes.to_vec();
         for (group, logarithm) in self.free.iter().zip(logarithms.iter()) {
@@ -62,8 +63,8 @@ impl Objective<'_> {
         DVector::from_iterator(self.free.len(), steps)
     }
 
-    /// Newton's step, and the log evidence that it promises. Along an axis with no curvature, or a negative one, it goes downhill as far as
-    /// the size of the curvature allows.
+    /// Newton's step, and the gain of log evidence that it promises. Along an axis of negative curvature the step uses the absolute
+    /// value of the curvature, so that it goes downhill; no step along an axis is longer than `longest`.
     fn newton_step(&self, point: &Point, longest: f64) -> (DVector<f64>, f64) {
         let slopes = self.slopes(point);
         let curvature: DMatrix<f64> = self.patterns.curvature_of(&point.sizes, &point.reduced, self.free);
@@ -79,7 +80,7 @@ impl Objective<'_> {
         (&eigen.eigenvectors * steps, promised)
     }
 
-    /// The point behind a step, or a shorter one, where the objective has fallen, and the share of the step.
+    /// The point after the step, or after the longest fraction of it that lowers the objective, with this fraction.
     fn behind(&self, point: &Point, step: &DVector<f64>) -> Option<(Point, f64)> {
         (0..MAX_TRIALS).find_map(|trial| {
             let share = 0.25_f64.powi(trial as i32);
@@ -89,8 +90,7 @@ impl Objective<'_> {
     }
 }
 
-/// The logarithms of the free sizes at which the objective is least, from a start; as near as the search came. All other sizes are those of
-/// `sizes`.
+/// Minimizes the objective from a start, and returns the logarithms of the free sizes. All other sizes are those of `sizes`.
 pub(super) fn search(
     patterns: &Patterns,
     products: &Products,

@@ -1,4 +1,4 @@
-//! The evidence by elimination against the same by dense matrices.
+//! The evidence by elimination compared with that by dense matrices.
 
 use super::*;
 use rand::SeedableRng;
@@ -12,7 +12,7 @@ fn random(rng: &mut ChaCha8Rng, rows: usize, columns: usize) -> DMatrix<f64> {
     DMatrix::from_fn(rows, columns, |_, _| StandardNormal.sample(rng))
 }
 
-/// Patterns of three groups: one of single runs, one shared, one shared of known size. With the columns of parameters and residuals.
+/// Patterns of three groups (one of single runs, one shared, one shared of known size), and the columns of parameters and residuals.
 fn drawn() -> (Patterns, Vec<DMatrix<f64>>) {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let groups = [("own", 0.5, Some(1.0)), ("shared", 0.2, Some(0.5)), ("known", 0.3, None)]
@@ -126,7 +126,7 @@ fn likeliest_sizes_are_a_minimum_and_leave_known_ones() {
     assert_eq!(sizes_found[2], 0.3);
 }
 
-/// A misfit a thousand times the noise: the search starts where its slopes are large.
+/// The misfit is large and the start is a thousandth of the typical sizes.
 #[test]
 fn sizes_are_found_from_far_away() {
     let (patterns, mut columns) = drawn();
@@ -165,7 +165,8 @@ fn patterns_are_taken_off_as_by_dense_matrices() {
     assert!((DVector::from_vec(residual_values) - expected).norm() < 1e-11);
 }
 
-/// Patterns that are large beside noise and of which one is like a parameter, residuals that hold them, and the likeliest sizes.
+/// Patterns that are large relative to the noise, one of them similar to a parameter; residuals with these patterns; and the likeliest
+/// sizes.
 fn likeliest() -> (Patterns, Products, Vec<f64>) {
     let (mut patterns, mut columns) = drawn();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
@@ -174,7 +175,7 @@ fn likeliest() -> (Patterns, Products, Vec<f64>) {
         let added = &run.own * random(&mut rng, 2, 1) * 0.6 + &run.shared * &shared;
         let mut residuals = columns.column_mut(PARAMETERS);
         residuals += added.column(0);
-        // The first parameter does what a shared pattern does, and a little more.
+        // The first parameter has nearly the effect of a shared pattern.
         let alike = 0.3 * columns.column(0) + run.shared.column(0);
         columns.set_column(0, &alike);
     }
@@ -234,8 +235,8 @@ fn the_integrated_covariance_is_that_of_a_fine_grid_of_sizes() {
     }
 }
 
-/// The chain rule of normal densities: further runs after the first one, whose parameters and amplitudes it has left open, are all runs less
-/// the first; and so is a part that follows others.
+/// By the chain rule the log density of further runs given the first is that of all runs less that of the first, and likewise for the
+/// parts of a run. The parameters and amplitudes have their posterior given the first run.
 #[test]
 fn further_runs_have_the_density_of_all_runs_less_that_of_the_first() {
     let (patterns, columns) = drawn();
