@@ -189,7 +189,7 @@ mod tests {
         let more = checked(&Design::four_runs(), 1);
         assert!(more.effects.len() > 10 && more.held_out > 0);
         assert!(more.effects.iter().all(|one| one.value.is_finite() && one.over_usual > 0.0));
-        // Lateral runs alone show nothing of the tip.
+        // Lateral runs alone do not depend on the tip.
         let session = worlds::session(&truth(Vec::new()), &Design::four_runs(), 1);
         let lateral = Session { insertion: Vec::new(), ..session.clone() };
         let less = check(&lateral, &Options::default(), |_| {}).expect("a check");

@@ -20,8 +20,8 @@ use formats::session::Tissue;
 use mechanics::Support;
 use modulus::walls::FINITE_BODY;
 
-/// The second foundation is not searched if its log evidence, with a modulus that varies with depth, is further behind than this. The
-/// margin allows for a second effect and for the linearisation of the score.
+/// The second foundation is not searched if its log evidence with a modulus that varies with depth is further behind the model found on the
+/// first than this. The margin allows for a second effect and for the linearisation of the score.
 const IN_QUESTION: f64 = 8.0;
 
 /// Result on the foundation that explains the runs best.
@@ -40,7 +40,7 @@ pub(super) struct Beside {
     /// Logarithm of its odds over the chosen model. Models that would outweigh the chosen one but were refused have even odds
     /// together.
     pub ln_odds: f64,
-    /// Whether it is possible: neither its search nor the held-out runs have refused it.
+    /// Whether it is possible: its search has not refused it, and it does not outweigh the chosen model.
     pub is_possible: bool,
 }
 

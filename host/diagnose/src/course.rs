@@ -1,6 +1,6 @@
 //! The trajectory of guide 2 from noisy readings.
 //!
-//! The input of the model is the position of guide 2, of which the readings have errors. If they were taken as exact, their
+//! The input of the model is the position of guide 2, whose readings have errors. If these readings were taken as exact, their
 //! white noise would favour a delayed force, because a delay averages the noise. Therefore the trajectory between two holds is
 //! unknown ([`Window`]), and the model uses its posterior mean: the errors about that mean are uncorrelated with it and cause
 //! no bias (regression calibration). Their covariance enters that of the forces.
@@ -42,7 +42,7 @@ pub(super) struct Track<'a> {
     pub length_s: &'a [f64],
     /// Mean reading of every cell.
     pub read_m: &'a [f64],
-    /// The hold of every cell.
+    /// Number of the hold of every cell; `None` during a motion.
     pub hold: &'a [Option<usize>],
     /// Standard deviation of the reading of a cell.
     pub sd_m: f64,
@@ -67,7 +67,7 @@ impl Window {
         sum / (one.len() * other.len()) as f64
     }
 
-    /// Numbers within the window of those cells that are inside.
+    /// Indices within the window of those of the cells that are in it.
     fn inside(&self, cells: &[usize]) -> impl Iterator<Item = usize> {
         let count = self.cells.len();
         cells

@@ -14,7 +14,7 @@ use formats::session::Session;
 use mechanics::effects::effect;
 use mechanics::predict;
 
-/// A hypothetical truth: one effect beside the plain model.
+/// A hypothetical truth: the plain model with one effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Truth<'a> {
     /// Id of the effect.

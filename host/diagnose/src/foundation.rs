@@ -65,7 +65,7 @@ pub struct DiscrepantModulus {
 }
 
 impl DiscrepantModulus {
-    /// The modulus as in a diagnosis that names nothing: integrated over the sizes of the discrepancy.
+    /// The modulus as in a diagnosis that names no effect: its uncertainty is integrated over the sizes of the discrepancy.
     fn of(start: &Start) -> Self {
         let fitted = start.fitted.clone().over_sizes(&start.patterns);
         let rests_on = fitted.rests_on(&start.patterns).first().copied();
@@ -91,7 +91,7 @@ pub struct FoundationEvidence {
 pub const FOUNDATION_MARGIN: f64 = 2.0;
 /// Effects by which the modulus may vary with depth.
 pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
-/// Log evidence of a varying modulus from which on the choice between the foundations with one modulus is not valid. The odds are then
+/// Smallest log evidence of a varying modulus at which the choice between the foundations with one modulus is not valid. The odds are then
 /// 75: each of the two forms of variation has half of the prior probability of one modulus.
 pub const VARIED_NATS: f64 = 5.0;
 /// Largest number of rounds of the fit of a varying modulus.

@@ -91,7 +91,7 @@ struct Models<'a> {
     ln_modulus_variance: f64,
 }
 
-/// A planned run beside those that were made.
+/// A planned run, with the patterns of the discrepancy in the recorded runs and in it.
 struct Foreseen {
     run: Prepared,
     /// Its residuals under the base, which are nearly zero.

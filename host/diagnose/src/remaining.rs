@@ -57,7 +57,8 @@ mod tests {
     use crate::start_of;
     use worlds::{Background, Design, Truth, session_on};
 
-    /// With everyday imperfections the change of the modulus in a fit with noise alone has the computed standard deviation.
+    /// In sessions with everyday imperfections, the change of the modulus in a fit with noise alone is not larger than its computed standard
+    /// deviation states.
     #[test]
     fn the_modulus_by_noise_alone_moves_as_imperfections_make_it_move() {
         const SEEDS: u64 = 12;

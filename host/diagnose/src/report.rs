@@ -88,7 +88,7 @@ impl DiagnosisReport<'_> {
         let mean = final_fit.ln_mean_modulus(touched_m).zip(averaged.mean_modulus_pa());
         let discrepancy =
             if verdict == Verdict::Unexplained { adequacy[0].discrepancy.as_slice() } else { &[] };
-        // Laws have no place in the ranking of the catalogue.
+        // The ranking is that of the catalogue, without laws.
         let first: Vec<&Candidate> =
             self.found.first.iter().filter(|candidate| !candidate.score.effect.is_unnamed()).collect();
         Diagnosis {

@@ -33,7 +33,7 @@ pub(super) struct HeldOut {
     runs: Vec<Run>,
 }
 
-/// One part in so many is held out where there are no repeats.
+/// Without repeats one in this number of parts, or of insertions, is held out.
 const EVERY: usize = 4;
 /// Depths and speeds closer than this are repeats of each other.
 const SAME_DEPTH_M: f64 = 0.5e-3;
@@ -398,7 +398,7 @@ fn by_chance(count: f64) -> f64 {
     count + CHANCE * (2.0 * count).sqrt()
 }
 
-/// Residuals under both models with their places.
+/// Residuals under both models with their abscissae.
 fn points(runs: &[Prepared], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
     let data = runs.iter().flat_map(|run| &run.run.data);
     let point_pairs = sides[0].plain.iter().zip(&sides[1].plain);

@@ -31,7 +31,7 @@ fn of_many_insertions_each_speed_has_one_that_is_held_out() {
     }
 }
 
-/// The start of a session without effects, and the judge beside it.
+/// The start of a session without effects, and its judge.
 fn start_and_judge() -> (Start, Judge) {
     let session = session(&truth(Vec::new()), &Design::insertions(), 5);
     let (runs, _) = runs_of(&session).expect("runs");

@@ -274,7 +274,7 @@ fn a_model_with_the_effect_is_adequate() {
     assert_eq!(second.model().effects.len(), 1);
 }
 
-/// Noise that is partly correlated is recovered from holds and sweeps, and raised to what is stated.
+/// Partly correlated noise is recovered from holds and sweeps, and raised to the stated noise.
 #[test]
 fn noise_is_estimated_from_the_scatter() {
     let mut design = Design::nine_runs();

@@ -9,8 +9,9 @@
 //!
 //! The difference of the squared errors is a sum over readings of the difference of the two predictions, which is known, times
 //! the mean of the two errors, which is random. The autocovariance of these errors is that of the model's own errors over whole
-//! runs, up to its first negative value (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci. 7:473, 1992). It contains the
-//! noise alone if the model is right, and half of the difference of the two models if both are equally far from the truth.
+//! runs, up to the first pair of lags whose sum is not positive (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci. 7:473,
+//! 1992). These errors are noise alone if the model is right, and contain half of the difference of the two models if both are
+//! equally far from the truth.
 //! Student's t test, with the effective number of independent readings, decides whether the difference is significant (Vuong,
 //! Econometrica 57:307, 1989). With the variance of the differences themselves, a law that acts twice in a run would count as
 //! two readings, however many readings confirm it.

@@ -36,7 +36,7 @@
 //!     Ok(vec![pairs.map(|(a, v)| parameters[0] * a + parameters[1] * v).collect()])
 //! });
 //!
-//! // Two runs of a rail of 2.2 kg and 0.8 N s/m with 0.5 N of dry friction, which nobody has told the model.
+//! // Two runs of a rail of 2.2 kg and 0.8 N s/m with 0.5 N of dry friction, which the model does not have.
 //! let run = |name: &str, hz: f64, judges| {
 //!     let time_s: Vec<f64> = (0..400).map(|i| 0.01 * f64::from(i)).collect();
 //!     let speed: Vec<f64> = time_s.iter().map(|t| (hz * t).sin() + 0.3 * (2.3 * hz * t).sin()).collect();

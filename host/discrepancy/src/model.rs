@@ -47,7 +47,7 @@ pub struct Regressor {
 pub struct Site {
     /// Name.
     pub name: String,
-    /// Unit of what a law adds, for reports.
+    /// Unit of a law at this site, for reports.
     #[serde(default)]
     pub unit: String,
     /// Channel to which a law is added, with columns of the data as regressors; `None` if the model evaluates the law.
@@ -63,7 +63,7 @@ pub struct Site {
 /// Reason for which a model has no prediction.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ModelFailure {
-    /// It failed at these values; other values may work.
+    /// It failed at these values of the parameters; at others it may not.
     #[error("{0}")]
     Failed(String),
     /// It did not answer in time.
@@ -196,7 +196,7 @@ fn fault(what: &'static str, name: &str, problem: String, expected: &str) -> Res
     Err(Error::Declaration { what, name: name.to_owned(), problem, expected: expected.to_owned() })
 }
 
-/// Checks what a model declares against the data.
+/// Checks the declarations of a model against the data.
 pub(crate) fn check(model: &dyn ForwardModel, data: &Data) -> Result<(), Error> {
     for (number, parameter) in model.parameters().iter().enumerate() {
         let Parameter { name, mean, sd, range, .. } = parameter;

@@ -63,7 +63,7 @@ pub fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f
 /// Whether one model predicts held-out data significantly worse than another. Student's t test over the parts of the data
 /// decides whether the mean difference of the losses is above 0 with the stated probability, so that correlations within a part
 /// do not matter (Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", Econometrica 57:307, 1989).
-/// Models that no run distinguishes do not refute each other.
+/// A total difference below [`indistinct`] refutes no model.
 pub fn is_refuted(losses: &[f64], by: &[f64]) -> bool {
     let differences: Vec<f64> = losses.iter().zip(by).map(|(worse, better)| worse - better).collect();
     let count = differences.len() as f64;

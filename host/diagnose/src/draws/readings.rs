@@ -1,8 +1,8 @@
 //! Readings predicted by draws, and the likelihood of the measured readings.
 //!
 //! Readings are linearised in the parameters around each fit. A predicted reading includes noise and a draw of the discrepancy with
-//! the sizes of the fit. The density of a reading is conditional on all others, `-ln(2 pi)/2 + ln(c)/2 - g^2/(2 c)` with `g = S^-1 r` and `c`
-//! the diagonal of `S^-1`, because the discrepancy correlates readings (Bürkner, Gabry and Vehtari, "Efficient leave-one-out
+//! the sizes of the fit. The density of a reading is conditional on all others, `-ln(2 pi)/2 + ln(c)/2 - g^2/(2 c)` with `g = S^-1 r`
+//! and `c` the diagonal of `S^-1`, because the discrepancy correlates readings (Bürkner, Gabry and Vehtari, "Efficient leave-one-out
 //! cross-validation for Bayesian non-factorized normal and Student-t models", Computational Statistics 36:1243, 2021). It is
 //! that of the whitened readings.
 
