@@ -95,8 +95,8 @@ const REPEATS: usize = 3;
 const SAME_PLACE_M: f64 = 0.05e-3;
 /// Smallest number of readings from which the noise is estimated.
 const ENOUGH: usize = 60;
-/// If stated standard deviation and scatter differ by more than this factor, a warning is given; a larger statement then is an error that
-/// does not scatter.
+/// If stated and estimated noise differ by more than this factor, there is a warning, and the excess of a larger stated noise is treated as an
+/// error that is constant within a hold or a sweep.
 const NOT_SCATTER: f64 = 1.5;
 
 /// Readings along a line.

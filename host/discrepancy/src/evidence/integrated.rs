@@ -8,8 +8,8 @@
 //!
 //! plus those of the prior. The log evidence integrated over the sizes is smaller by `ln det(H) / 2`, up to a constant (Laplace).
 //! Mean and covariance of the parameters depend on the sizes: along each principal axis of H they are evaluated at three points,
-//! weighted by the evidence there, and the excess second moments of all axes are added (Rue, Martino and Chopin, "Approximate Bayesian inference for latent
-//! Gaussian models by using integrated nested Laplace approximations", 2009).
+//! weighted by the evidence there, and the excess second moments of all axes are added (Rue, Martino and Chopin, "Approximate
+//! Bayesian inference for latent Gaussian models by using integrated nested Laplace approximations", 2009).
 
 use super::{Evidence, Patterns, Products, Reduced};
 use nalgebra::{DMatrix, DVector};
