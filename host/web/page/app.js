@@ -1,4 +1,4 @@
-// The page's state: which session, which view, and what was computed of it.
+// The page's state: the session, the view, and the results computed so far.
 
 const state = {
   view: 'start',
@@ -65,7 +65,7 @@ function showTabs() {
   document.getElementById('session-name').textContent = state.session ? `Session: ${state.session}` : '';
 }
 
-/** A line about what is going on; `onCancel` offers an end. */
+/** A line about the work in progress; with `onCancel` it has a button that ends the work. */
 function announce(text, onCancel = null) {
   const line = document.getElementById('status');
   line.hidden = text === null;
@@ -74,7 +74,7 @@ function announce(text, onCancel = null) {
 
 function hideFault() { document.getElementById('fault').hidden = true; }
 
-/** What went wrong, and a way on. */
+/** Shows an error, with a button to try again if `again` is given. */
 function fail(error, again = null) {
   announce(null);
   if (error instanceof Cancelled) { announce('Cancelled.'); return; }
@@ -102,7 +102,7 @@ async function result(name, content, what) {
   return state.results.get(key);
 }
 
-/** Runs a view's work; what arrives after the view was left is dropped. */
+/** Runs a view's work; results that arrive after the view was left are dropped. */
 async function within(view, work) {
   try {
     await work(() => state.view === view);
@@ -147,7 +147,7 @@ async function openChosen(chosen) {
 
 const section = (title, ...children) => h('section', {}, h('h2', {}, title), ...children);
 
-/** As a figure of another page: the view alone, whose height that page follows once there is something to see. */
+/** Shows the view alone, as a figure of another page, and reports its height to that page once it has a drawing. */
 function beginEmbedded() {
   document.body.classList.add('embedded');
   const report = () => {

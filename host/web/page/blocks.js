@@ -38,7 +38,7 @@ function showBlocks() {
   });
 }
 
-/** What a gel of a common size does to E that is computed with a half space. */
+/** K/E in a gel of a common size, and the error of E computed with a half space. */
 function blocksFacts({ edge_mm: edges, held, free, half_space: far }) {
   const least = edges.findIndex((edge) => edge >= 60);
   const at = least < 0 ? edges.length - 1 : least;

@@ -1,4 +1,4 @@
-// Diagnose: where model and measurement disagree, what is missing, and the misfit that shrinks when an effect is switched on.
+// Diagnose: regions in which model and measurement disagree, the missing effect, and the misfit with the effects that are switched on.
 
 const VERDICTS = {
   adequate: 'These runs show no missing effect: the plain model explains them within noise and the usual imperfections of rig and tissue.',
@@ -73,7 +73,7 @@ function showDiagnose() {
       ...(investigation ? [investigation] : []),
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'Effects: switch them on and off'),
-          h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of one effect added to the `, term('plain model'), `. From ${number(found.margin)} on (line) an effect can be named. Fitted effects come first; \u2248 marks an estimate without a fit. Each switch fits the model again.`),
+          h('p', { class: 'note' }, 'Bars: ', term('log evidence'), ` of one effect added to the `, term('plain model'), `. An effect can be named if its bar passes the line (${number(found.margin)}). Fitted effects come first; \u2248 marks an estimate without a fit. Each switch fits the model again.`),
           h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on the effects that were found') : null,
             h('button', { type: 'button', id: 'use-none', onclick: () => choose([]) }, 'All off')),
           list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,
@@ -95,8 +95,8 @@ function reasons(one, found, about) {
   const list = [
     `${values.join(', ')}.`,
     `Log evidence +${number(one.log_evidence_gain)}, needed ${number(found.margin)}.`,
-    gap ? `On runs that no fit has used the misfit (chi-square per reading) falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'No run could be held out.',
-    others.length ? `Equally good: ${others.map((id) => plainName(id)).join(', ')}.` : 'No other effect explains the runs as well.',
+    gap ? `On the held-out runs the misfit (chi-square per reading) changes from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'No run could be held out.',
+    others.length ? `Not excluded: ${others.map((id) => plainName(id)).join(', ')}.` : 'No other effect explains the runs as well.',
   ];
   return h('div', {}, h('h3', {}, capital(plainName(one.id, one.parameters))), h('p', { class: 'note' }, h('code', {}, one.id), `: ${about(one.id)?.physics ?? ''}`), h('ul', {}, ...list.map((text) => h('li', {}, text))));
 }
@@ -108,7 +108,7 @@ function limits(found) {
     found.split ? h('p', { class: 'note' }, capital(found.split)) : null);
 }
 
-/** A verdict is no greener than the maps below it: where a cell of the model that it speaks for has a strong colour, it says so. */
+/** Adds a warning to the verdict if a cell of the maps has a strong colour under the model of the verdict. */
 function doubt(found, trial, { plain, now }) {
   const named = found.effects.map((one) => one.id);
   const isOn = trial.effects.length === named.length && trial.effects.every((one) => named.includes(one.id));
@@ -165,7 +165,7 @@ function drawTrial(trial, { numbers, bars, maps, values }) {
   return drawMaps(trial.points, maps, isSame);
 }
 
-/** Draws the maps, and returns the cells that are furthest off: in the plain model, and in the one as it is now. */
+/** Draws the maps, and returns the cells with the largest residuals: of the plain model, and of the model with the effects that are on. */
 function drawMaps(points, maps, isSame) {
   const strongest = { plain: { value: 0, isStrong: false, name: '' }, now: { value: 0, isStrong: false, name: '' } };
   const keep = (side, shown, name) => shown.filter(({ value }) => Math.abs(value) > Math.abs(strongest[side].value))

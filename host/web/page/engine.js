@@ -1,4 +1,4 @@
-// The engine behind promises: a worker for every kind of work, so that what is dragged does not wait for what takes long.
+// The engine behind promises: a worker for every kind of work, so that a slider does not wait for a slow computation.
 
 const FOLLOWED = 'live';
 
@@ -17,7 +17,7 @@ class Engine {
     if (!this.lanes.has(name)) {
       const made = this.start();
       made.send('load', this.module);
-      // What is followed has nothing to do with the session, and goes on when another one is opened.
+      // Following a device does not depend on the session, and goes on when another one is opened.
       if (name !== FOLLOWED) made.send('files', this.files);
       this.lanes.set(name, made);
     }
@@ -66,7 +66,7 @@ class Engine {
     return answer.ok;
   }
 
-  /** What many sessions have in common: in a worker whose files are their records. */
+  /** Statistics over many sessions, in a worker whose files are their records. */
   async population(files, by) {
     await this.ready;
     await this.lane('population').send('files', files);
@@ -86,7 +86,7 @@ class Engine {
     return Uint8Array.from(await this.request(FOLLOWED, { do: 'ask', id, connection }));
   }
 
-  /** Ends what takes long; the next request finds a new worker. */
+  /** Ends a slow computation; the next request gets a new worker. */
   cancel(name) {
     this.lanes.get(name)?.stop();
     this.lanes.delete(name);
@@ -96,7 +96,7 @@ class Engine {
 class Cancelled extends Error {}
 class EngineStopped extends Error {}
 
-/** Of requests that follow each other fast only the last one counts: one runs, one waits. */
+/** Runs one request at a time; of those that arrive meanwhile only the last one is kept. */
 function latest(run) {
   let isRunning = false;
   let waiting = null;

@@ -1,4 +1,4 @@
-// From what a person drops or chooses to the files of one session.
+// Finds the files of one session among those that a person drops or chooses.
 
 const MOST_BYTES = 256 * 2 ** 20;
 const SESSION = 'session.toml';
@@ -37,7 +37,7 @@ async function unzip(name, data) {
   return files;
 }
 
-/** All files below what was dropped. */
+/** All files in the dropped files and folders. */
 async function dropped(items) {
   const found = [];
   const walk = async (entry, prefix) => {
@@ -61,7 +61,7 @@ async function dropped(items) {
 async function sessionOf(chosen) {
   const total = chosen.reduce((sum, [, file]) => sum + file.size, 0);
   if (total > MOST_BYTES) {
-    throw new Error(`${Math.round(total / 2 ** 20)} MB is too much for a browser, expected at most ${MOST_BYTES / 2 ** 20} MB: use the program guide`);
+    throw new Error(`${Math.round(total / 2 ** 20)} MB is too much for a browser, expected at most ${MOST_BYTES / 2 ** 20} MB: use guide on the command line`);
   }
   let all = [];
   let name = 'session';

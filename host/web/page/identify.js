@@ -1,4 +1,4 @@
-// Identify: the modulus of the tissue by every method, with intervals, and what the fit leaves.
+// Identify: the modulus of the tissue by every method, with intervals, and the residuals of the fit.
 
 /** A dot with its interval on a common axis, for a column of estimates. */
 function whisker(low, value, high, [least, most]) {
@@ -13,7 +13,7 @@ const disagree = ({ pooled }) => (pooled.heterogeneity?.p ?? 1) < 0.05;
 
 function showIdentify() {
   within('identify', async (isHere) => {
-    // K does not depend on relation and foundation, and with the quickest ones it is there at once.
+    // K does not depend on relation and foundation; with the quickest ones it is shown at once.
     const { document: found, figures } = await result('identify', { relation: 'vesic', foundation: 'springs' }, 'Identifying the modulus');
     if (!isHere()) return;
     const { pooled } = found;
@@ -44,7 +44,7 @@ function showIdentify() {
         h('p', { class: 'readout' }, h('span', { class: isDoubtful ? 'big doubtful' : 'big', id: 'pooled-k', 'data-k': pooled.k_kpa }, `${number(pooled.k_kpa, 4)} kPa`), ' 95 % ', term('interval'), ` ${interval(pooled.ci95_kpa, 4)} kPa, from ${pooled.runs} ${pooled.runs === 1 ? 'run' : 'runs'}`),
         modelLine('plain: a needle as a beam in tissue of one stiffness, no effect'),
         youngs, typicalValues(),
-        isDoubtful ? null : h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Check what the model lacks: Diagnose'))),
+        isDoubtful ? null : h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Diagnose what the model lacks'))),
       section('By run and method, kPa', h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Modulus by run and method' }, h('table', {}, h('thead', {}, h('tr', {},
         ...['Run', 'Depth', ...methods.map(([, name]) => name)].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...rows))),
       notes),
@@ -56,7 +56,7 @@ function showIdentify() {
     note(whole);
     const of = whole.youngs_modulus_kpa;
     youngs.textContent = of && Number.isFinite(of.value)
-      ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}${whole.walls.stated === 'not_stated' ? ', walls of the tissue not stated: E may be wrong by half or more' : ''}; ${interval(of.range_kpa)} kPa over all relations`
+      ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), by ${of.relation}${whole.walls.stated === 'not_stated' ? ', walls of the tissue not stated: E may be wrong by half or more' : ''}; ${interval(of.range_kpa)} kPa over all relations`
       : `Young\u2019s modulus E: ${of?.refused ?? 'not identifiable from these runs'}`;
     kept.replaceChildren(saveBar('identify', () => whole));
   });

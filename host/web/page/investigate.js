@@ -1,31 +1,31 @@
 // Investigation: the probabilities of the explanations from run to run, and why each run was chosen.
 
 const ENDS = {
-  named: 'It ended because what is missing has its name.',
-  nothing_missing: 'It ended because nothing is missing, and no run that the rig can make is expected to show anything.',
-  nothing_would_tell: 'It ended because no run that the rig can make is expected to tell what is missing.',
-  modulus_known: 'It ended because the modulus is known as well as was wanted.',
-  max_runs: 'It ended after as many runs as were allowed.',
-  stopped: 'It was stopped on request, and goes on where it was left.',
+  named: 'It ended because the missing effect was named.',
+  nothing_missing: 'It ended because no effect is missing, and no further run of this rig is expected to show one.',
+  nothing_would_tell: 'It ended because an effect is missing, and no further run of this rig is expected to identify it.',
+  modulus_known: 'It ended because the modulus is known with the requested accuracy.',
+  max_runs: 'It ended because the allowed number of runs was reached.',
+  stopped: 'It was stopped on request, and can be continued from there.',
 };
-/** Styles of the explanations that are drawn; no effect has that of the plain model. */
+/** Styles of the explanations that are drawn; the plain model has a style of its own. */
 const STYLES = ['a', 'b', 'c'];
 
 const explanationName = (effects) => (effects.length === 0 ? 'nothing missing' : effects.map((id) => plainName(id)).join(' and '));
 
-/** The investigation of a session by its log; nothing where there was none. */
+/** The investigation of a session by its log; null without one. */
 function investigationSection(log) {
   if (log === null || log.steps.length === 0) return null;
   const drawn = h('div', { class: 'drawn', id: 'investigation-drawn' });
-  const made = section('Investigation: what the runs told, one after the other',
-    h('p', { class: 'note' }, 'Probability of each explanation after the runs so far, as guide investigate kept it. ', ENDS[log.end] ?? 'It has not ended.'),
+  const made = section('Investigation: what was known after each run',
+    h('p', { class: 'note' }, 'Probability of each explanation after the runs so far, as recorded by guide investigate. ', ENDS[log.end] ?? 'It has not ended.'),
     drawn, investigationTable(log.steps));
   made.id = 'investigation';
   responsive(drawn, () => drawProbabilities(drawn, log.steps));
   return made;
 }
 
-/** Probabilities over the number of runs: nothing missing, what was likeliest at any step, and what no run has shown. */
+/** Probabilities over the number of runs: of no missing effect, and of the explanations that were likeliest at any step. */
 function drawProbabilities(into, steps) {
   const runs = steps.map((one) => one.runs);
   const key = (effects) => effects.join(' ');
@@ -44,7 +44,7 @@ function drawProbabilities(into, steps) {
   plot(into, { title: 'Probability of the explanations over the runs', x: 'runs', y: 'probability, %', height: 260, xRange: [Math.min(...runs) - 0.25, Math.max(...runs) + 0.25], yRange: [0, 103], series });
 }
 
-/** Every step: what it found, the run that was chosen after it with its reason, and what that run was expected to tell and told. */
+/** Every step: its result, the run chosen next with the reason, and the information expected and gained from that run. */
 function investigationTable(steps) {
   const row = (step, place) => {
     const [likeliest] = [...step.explanations].sort((one, other) => other.probability - one.probability);
@@ -58,6 +58,6 @@ function investigationTable(steps) {
       h('td', {}, step.next ? number(step.next.information_nats, 2) : '-'), h('td', {}, number(told, 2)));
   };
   return h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Steps of the investigation' }, h('table', {},
-    h('thead', {}, h('tr', {}, ...['Runs', 'Likeliest', 'One more that no run has shown', 'K, kPa', 'Next run', 'Tells most about', 'Expected, nats', 'Told, nats'].map((name) => h('th', { scope: 'col' }, name)))),
+    h('thead', {}, h('tr', {}, ...['Runs', 'Likeliest', 'One more effect, not seen so far', 'K, kPa', 'Next run', 'Tells most about', 'Information expected, nats', 'Information gained, nats'].map((name) => h('th', { scope: 'col' }, name)))),
     h('tbody', {}, ...steps.map(row))));
 }

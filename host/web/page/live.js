@@ -4,7 +4,7 @@
 const KEPT_S = 30;
 const LONGEST_GAP_S = 0.3;
 const RETRY_MS = 1000;
-/** Every so many updates the plots are drawn. */
+/** The plots are drawn once per this number of updates. */
 const PLOT_EVERY = 2;
 
 /** Bytes that may wait to be decoded; more are given up, and count as lost. */
@@ -18,7 +18,7 @@ function requestLive(content) {
   if (live.socket && live.socket.readyState === WebSocket.OPEN) live.socket.send(JSON.stringify(content));
 }
 
-/** Whether the program has a device; its updates begin then. */
+/** Asks the program whether it has a device, and then receives its updates. */
 async function beginLive() {
   try {
     live.isOffered = (await listServed()).device;
@@ -82,7 +82,7 @@ async function followLive(data) {
       const whole = new Uint8Array(arrived.reduce((sum, part) => sum + part.length, 0));
       arrived.reduce((at, part) => { whole.set(part, at); return at + part.length; }, 0);
       const { columns, ...counts } = await engine.follow(whole, isFresh);
-      // Of a connection that has ended meanwhile.
+      // These columns belong to a connection that has ended meanwhile.
       if (socket !== live.socket) continue;
       live.counts = counts;
       const [first] = columns;

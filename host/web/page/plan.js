@@ -1,4 +1,4 @@
-// Plan: what interval a lateral run will give, as a map over insertion depth and displacement, before it is made.
+// Plan: the interval that a lateral run will give, as a map over insertion depth and displacement, before the run is made.
 
 const PLAN_SLIDERS = [
   ['least_kpa', 'Smallest modulus of the tissue', 'kPa', 0.5, 100, 0.5, 5],
@@ -10,7 +10,7 @@ const PLAN_SLIDERS = [
 ];
 const PLAN_DEPTHS = [10, 20, 30, 40, 50, 60, 70, 80, 90, 100];
 const PLAN_DISPLACEMENTS = [0.2, 0.4, 0.8, 1.2, 1.6, 2, 2.5, 3];
-/** Half-widths up to which the steps of the colours reach, percent; what is wider is pale. */
+/** Upper ends of the colour steps, as half-widths in percent; wider intervals are pale. */
 const PLAN_STEPS = [[1, 8], [2, 7], [4, 6], [8, 4], [16, 3], [32, 2], [64, 1]];
 
 const percent = (value) => (Number.isFinite(value) ? `${number(value, value < 10 ? 2 : 3)} %` : 'not identifiable');
@@ -58,9 +58,9 @@ function showPlan() {
         h('section', { class: 'controls' }, h('h2', {}, 'Tissue, run and limits'),
           h('p', { class: 'note' }, state.session ? `Needle, guides and noise of ${state.session}.` : 'An 18 gauge steel needle in the standard rig. Open a session to use its needle and rig.'),
           ...sliders),
-        h('section', {}, h('h2', {}, 'Accuracy of a run: half-width of the 95 % interval'),
+        h('section', {}, h('h2', {}, 'Accuracy of a run: half-width of the 95 % interval by noise alone'),
           modelLine('plain: tissue of one stiffness, no effect'),
-          h('p', { class: 'note' }, 'Rows: displacement of guide 2, mm. Numbers: the largest half-width over the range of the modulus, percent. A strong colour is an accurate run; a dashed red border is a run beyond a limit.'), map,
+          h('p', { class: 'note' }, 'Rows: displacement of guide 2, mm. Numbers: the largest half-width over the range of the modulus, percent. A strong colour marks an accurate run, a dashed red border a run that exceeds a limit.'), map,
           h('h2', {}, 'One run'), ...selects.map(([, , row]) => row), facts)),
       section('Figure', made), saveBar('plan', () => answer.document));
     responsive(map, draw);
@@ -81,7 +81,7 @@ function drawPlan({ document: found, figures }, chosen, { map, facts, made }, ch
     return {
       column, row, strong: step > 4, style: `below s${step}${one.within_limits ? '' : ' broken'}`,
       text: Number.isFinite(width) ? number(width, 2) : '-',
-      name: `${number(one.depth_mm)} mm deep, ${number(one.displacement_mm)} mm displaced: ${modulus} \u00b1 ${percent(width)}${one.within_limits ? '' : ', breaks a limit'}`,
+      name: `${number(one.depth_mm)} mm deep, ${number(one.displacement_mm)} mm displaced: ${modulus} \u00b1 ${percent(width)}${one.within_limits ? '' : ', exceeds a limit'}`,
       isChosen: column === near(PLAN_DEPTHS, chosen.depth) && row === near(rows, chosen.displacement),
       onclick: () => choose({ depth: PLAN_DEPTHS[column], displacement: rows[row] }),
     };
@@ -91,7 +91,7 @@ function drawPlan({ document: found, figures }, chosen, { map, facts, made }, ch
   const best = found.best;
   facts.replaceChildren(
     one ? h('p', { class: 'readout', id: 'plan-facts', 'aria-live': 'polite', 'data-percent': one.half_width_percent }, h('span', { class: 'big' }, `${modulus} \u00b1 ${percent(one.half_width_percent ?? Infinity)}`),
-      ` force up to ${number(one.force_n)} N, strain of the needle ${number(one.needle_strain_percent, 2)} %, ${number(one.deflection_mm)} mm in the tissue${one.within_limits ? '' : ': breaks a limit'}`) : '',
+      ` force up to ${number(one.force_n)} N, strain of the needle ${number(one.needle_strain_percent, 2)} %, ${number(one.deflection_mm)} mm in the tissue${one.within_limits ? '' : ': exceeds a limit'}`) : '',
     best ? h('p', {}, `Narrowest within the limits: ${number(best.depth_mm)} mm deep, ${number(best.displacement_mm)} mm displaced, ${modulus} \u00b1 ${percent(best.half_width_percent)} `,
       h('button', { type: 'button', class: 'small', id: 'plan-best', onclick: () => choose({ depth: Number(best.depth_mm.toFixed(6)), displacement: Number(best.displacement_mm.toFixed(6)) }) }, 'Choose it'))
       : h('p', {}, `No run of the map is within the limits and identifies ${modulus}.`));

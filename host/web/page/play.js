@@ -69,7 +69,7 @@ function showPlay() {
       const box = h('fieldset', {}, h('legend', {}, capital(plainName(id))), h('p', { class: 'note' }, h('code', {}, id), ': ', effect.physics));
       effect.parameters.forEach((info, index) => {
         const [least, most] = info.likely;
-        // Where the effect shows: half way from doing nothing to the end of what is likely.
+        // The slider starts where the effect is visible: half way from the neutral value to the end of the likely range.
         const shows = info.is_place ? info.neutral : info.neutral + 0.5 * (most - info.neutral || least - info.neutral);
         own[info.name] = Number.isFinite(start[index]) ? start[index] : shows;
         const [name, unit] = unitOf(info.name);

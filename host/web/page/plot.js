@@ -14,7 +14,7 @@ function h(name, attributes = {}, ...children) {
   return element;
 }
 
-/** A number for people. */
+/** A number as text, with a minus sign. */
 function number(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return '-';
   if (value === 0) return '0';
@@ -35,7 +35,7 @@ function rangeOf(lists, share = 0.06) {
   return [least - margin, most + margin];
 }
 
-/** Round values in a range, about so many; three at least, so that a scale is there to be read. */
+/** About `count` round values in a range; if possible at least three, so that the scale can be read. */
 function ticks([least, most], count) {
   const raw = (most - least) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
@@ -115,7 +115,7 @@ function responsive(into, draw) {
 }
 
 /**
- * A map: one rectangle per cell with a text. `cells`: `{ column, row, text, name, style, strong, onclick, isChosen }`; `name` is for those who cannot see it.
+ * A map: one rectangle per cell with a text. `cells`: `{ column, row, text, name, style, strong, onclick, isChosen }`; `name` is for screen readers.
  */
 function cellMap(into, { title, columns, rows, cells, columnName }) {
   const width = Math.max(240, into.clientWidth || 360);

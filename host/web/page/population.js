@@ -1,10 +1,10 @@
-// Population: what many sessions have in common, from their records.
+// Population: statistics over many sessions, from their records.
 
 const RECORDS = /\.jsonl$/i;
-/** Labels by which groups can be formed, with what they are called. */
+/** Labels by which groups can be formed, with their names on the page. */
 const GROUPINGS = [['tissue', 'tissue'], ['subject', 'subject'], ['rig', 'rig'], ['needle', 'needle'], ['site', 'site'], ['day', 'day'], ['month', 'month']];
 
-/** Records of files as the engine reads them, and their labels; of a line that is no record the engine states what is wrong. */
+/** Labels that the records in these files have. The engine reports lines that are no record. */
 function labelsOf(files) {
   const decoder = new TextDecoder();
   const all = new Set();
@@ -26,7 +26,7 @@ function useRecords(name, files) {
 
 async function openRecords(chosen) {
   const total = chosen.reduce((sum, [, file]) => sum + file.size, 0);
-  if (total > MOST_BYTES) throw new Error(`${Math.round(total / 2 ** 20)} MB is too much for a browser, expected at most ${MOST_BYTES / 2 ** 20} MB: use the program guide`);
+  if (total > MOST_BYTES) throw new Error(`${Math.round(total / 2 ** 20)} MB is too much for a browser, expected at most ${MOST_BYTES / 2 ** 20} MB: use guide on the command line`);
   const files = [];
   for (const [path, file] of chosen) files.push([path, new Uint8Array(await file.arrayBuffer())]);
   useRecords(files.map(([path]) => path).join(', '), files);
@@ -84,7 +84,7 @@ function showPopulation() {
 }
 
 function groupTable(found) {
-  const names = ['Group', 'Sessions', 'Mean of K, kPa', 'Between sessions, sd of ln K', 'A new subject, kPa', 'I\u00b2'];
+  const names = ['Group', 'Sessions', 'Mean of K, kPa', 'Between sessions, sd of ln K', 'New subject, kPa (95 %)', 'I\u00b2'];
   const row = (one) => h('tr', {}, h('th', { scope: 'row' }, one.group), h('td', {}, one.sessions),
     h('td', {}, h('strong', {}, number(one.k_kpa.value)), ` (${interval(one.k_kpa.ci95)})`),
     h('td', {}, number(one.tau), one.tau_ci95 ? ` (${interval(one.tau_ci95)})` : ''),

@@ -18,7 +18,7 @@ function showPredict() {
     if (pick.selectedIndex < 0) pick.selectedIndex = 0;
     const diagnosed = await foundModel();
     if (!isHere()) return;
-    // What a diagnosis has found is in the model, unless the reader chooses the plain one.
+    // The model contains the effects that a diagnosis has found, unless the reader chooses the plain model.
     const usable = diagnosed && diagnosed.names.length > 0 ? diagnosed : null;
     let isPlain = !usable || state.choice.model === 'plain';
     const model = h('div', { id: 'predict-model' });

@@ -1,4 +1,4 @@
-// What a view shows as files: its document, its pictures as one, and the view itself as a page without scripts.
+// Saves a view as files: its document, its pictures as one, and the view itself as a page without scripts.
 
 /** Properties of the style sheet that a picture needs when it stands alone; SVG has attributes of these names. */
 const DRAWN = ['fill', 'fill-opacity', 'stroke', 'stroke-width', 'stroke-dasharray', 'stroke-linecap', 'stroke-linejoin', 'opacity', 'font-family', 'font-size', 'font-weight', 'text-anchor'];
@@ -20,7 +20,7 @@ function standalone(drawn) {
   const originals = [drawn, ...drawn.querySelectorAll('*')];
   [copy, ...copy.querySelectorAll('*')].forEach((element, i) => {
     const style = getComputedStyle(originals[i]);
-    // Where a thickness does not grow with the picture it is one of the screen.
+    // A line width that does not scale with the picture is in pixels of the screen.
     if (style.vectorEffect !== 'none') element.setAttribute('vector-effect', style.vectorEffect);
     DRAWN.forEach((property) => {
       const value = style.getPropertyValue(property);
@@ -31,7 +31,7 @@ function standalone(drawn) {
   return copy;
 }
 
-/** The pictures of the view that are visible, side by side as they are on the screen; nothing where there is none. */
+/** The visible pictures of the view, arranged as on the screen; null if there is none. */
 function pictureOf(root) {
   const shown = [...root.querySelectorAll('svg[role="img"]')].map((drawn) => [drawn, drawn.getBoundingClientRect()]).filter(([, box]) => box.width > 0 && box.height > 0);
   if (shown.length === 0) return null;
@@ -70,7 +70,7 @@ async function bitmapOf({ text, width, height }) {
   return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error('the picture is too large for this browser, expected a smaller view'))), 'image/png'));
 }
 
-/** What stands in a page that nobody operates in place of a control. */
+/** The text that replaces a control in a page without scripts. */
 function asText(control) {
   if (control.tagName === 'SELECT') return control.selectedOptions[0]?.textContent ?? '';
   if (control.type === 'checkbox') return control.checked ? '\u2611 ' : '\u2610 ';

@@ -2,7 +2,7 @@
 // every motion. Browsers with Web Serial have it (Chromium and its relatives).
 
 const BAUD = 460800;
-/** A device answers within this, and is greeted again where it has not. */
+/** A device that has not answered within this time is greeted again. */
 const GREET_MS = 600;
 const MOST_GREETINGS = 10;
 /** After so long without a byte it is greeted again: it has restarted, or another program had switched its samples off. */
@@ -24,7 +24,7 @@ async function watchPort() {
     port = await navigator.serial.requestPort();
     await port.open({ baudRate: BAUD, bufferSize: 2 ** 16 });
   } catch (error) {
-    // Nothing was chosen.
+    // The person chose no port.
     if (error.name === 'NotFoundError') return;
     throw new Error(`the port cannot be opened: ${error.message}; another program uses it, or the device was disconnected`);
   }
@@ -50,7 +50,7 @@ async function watchPort() {
         drawWatched('Watching.');
       } else if (token === null || isSilent) {
         if (greetings === MOST_GREETINGS) {
-          ended = token === null ? 'No answer: it is another device, or has no firmware.' : 'The device does not answer any more.';
+          ended = token === null ? 'No answer: this is another device, or it has no firmware.' : 'The device does not answer any more.';
           source.close();
           return;
         }
@@ -88,7 +88,7 @@ async function watchPort() {
   }
 }
 
-/** What is known of the device, from its own frames. */
+/** State and readings of the device, from its frames. */
 function watchedRows() {
   const { counts, points } = live;
   if (!counts) return [];

@@ -1,4 +1,4 @@
-// The page as `guide web` serves it: sessions below the program's folder. From disk none of this is there.
+// The page as `guide web` serves it: sessions below the program's folder. A page from disk has none of this.
 
 const isServed = () => document.querySelector('meta[name="served"]') !== null;
 
@@ -18,7 +18,7 @@ const addressOf = (path, name) => `file/${[...path.split('/'), name].filter(Bool
 
 /** Reads the files of a session of the program's folder, and opens it. */
 async function openServed({ path, name, files, bytes }, view) {
-  if (bytes > MOST_BYTES) throw new Error(`${name}: ${Math.round(bytes / 2 ** 20)} MB is too much for a browser, expected at most ${MOST_BYTES / 2 ** 20} MB: use the program guide`);
+  if (bytes > MOST_BYTES) throw new Error(`${name}: ${Math.round(bytes / 2 ** 20)} MB is too much for a browser, expected at most ${MOST_BYTES / 2 ** 20} MB: use guide on the command line`);
   const read = [];
   for (const file of files) {
     announce(`Reading ${name}/${file} ...`);
@@ -39,7 +39,7 @@ function servedCard() {
     list.replaceChildren(...sessions.map((one) => h('li', {}, h('button', { type: 'button', onclick: () => open(one) }, one.path || one.name),
       ` ${one.files.length} files, ${number(one.bytes / 1e6)} MB`)));
     if (sessions.length === 0) list.append(h('li', {}, 'There is none (no folder with a session.toml).'));
-    if (more) list.append(h('li', {}, 'There are more: start guide web in a folder further down.'));
+    if (more) list.append(h('li', {}, 'There are more: start guide web in a subfolder.'));
   };
   const refresh = () => fill().catch((error) => { if (state.view === 'start') fail(error, refresh); });
   refresh();

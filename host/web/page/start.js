@@ -1,6 +1,6 @@
-// Start, and what was measured.
+// The views Start and Session.
 
-/** The rig in one picture: what is measured where. */
+/** Picture of the rig with the measured quantities. */
 function startPicture() {
   const text = (x, y, words) => h('svg:text', { x, y }, words);
   const rect = (x, y, width, height, style) => h('svg:rect', { x, y, width, height, rx: 4, style });

@@ -1,13 +1,13 @@
-// Import: tables of other laboratories and programs, what each column is taken for, and the session that becomes of them.
+// Import: tables of other laboratories and programs, the quantity of each column, and the session made of them.
 
 const TABLE = /\.(csv|txt|tsv|dat|asc|lvm|xlsx|xlsm|xlsb|xls|ods|mat|mcap)$/i;
-/** Needle and guides, millimetres, with what they are when nobody states them. */
+/** Needle and guides, millimetres, with their default values. */
 const TABLE_RIG = [['outer_diameter_mm', 'Outer diameter of the needle', 1.27], ['inner_diameter_mm', 'Inner diameter', 1], ['guide2_mm', 'Guide 2, from guide 1', 60], ['entry_mm', 'Surface of the tissue, from guide 1', 70]];
 const TABLE_ORIGINS = [['', 'not chosen'], ['guide1', 'guide 1'], ['surface', 'the surface']];
 
 const isSession = ([path]) => path === SESSION || path.endsWith(`/${SESSION}`);
 const isHidden = ([path]) => path.split('/').pop().startsWith('.');
-/** Files that are no session, and of which one is a table. */
+/** Whether the files are no session and contain a table. */
 const areTables = (chosen) => !chosen.some((one) => isSession(one) || /\.zip$/i.test(one[0])) && chosen.some((one) => TABLE.test(one[0]) && !isHidden(one));
 
 async function openTables(chosen) {
@@ -19,13 +19,13 @@ async function openTables(chosen) {
   useTables(files);
 }
 
-/** Nothing is chosen yet: names and units show what they can. */
+/** Before any choice, quantities follow from the names and units of the columns. */
 function useTables(files) {
   state.tables = { files, maps: null, rig: Object.fromEntries(TABLE_RIG.map(([name, , value]) => [name, value])), options: {} };
   show('tables');
 }
 
-/** The force series of the example, as if it were one of a stranger. */
+/** The force series of the example, as a table of another laboratory. */
 function exampleTable() {
   const [path, data] = exampleFiles().files.find(([name]) => name.endsWith('.force.csv'));
   useTables([[path.replace(/^.*\//, ''), data]]);
@@ -34,7 +34,7 @@ function exampleTable() {
 
 const rigText = (rig) => `[needle]\nyoungs_modulus_gpa = 200.0\n${TABLE_RIG.map(([name]) => `${name === 'guide2_mm' ? '[rig]\n' : ''}${name} = ${rig[name].toFixed(6)}\n`).join('')}`;
 
-/** Words for a shell. */
+/** A word quoted for a shell, if necessary. */
 const shellWord = (word) => (/^[\w./:=@%+,#-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
 
 /** The command line that does the same. */
@@ -84,9 +84,9 @@ function showTables() {
       h('section', { class: 'controls' }, h('h2', {}, 'Run, needle and rig'),
         field('depth_mm', 'Length of the needle in the tissue, mm', tables.options.depth_mm, option('depth_mm')),
         ...TABLE_RIG.map(([name, label]) => field(name, `${label}, mm`, tables.rig[name], (value) => { if (Number.isFinite(Number(value)) && value !== '') { tables.rig[name] = Number(value); ask(); } })),
-        choice('z_from', 'Positions along the needle are from', TABLE_ORIGINS),
+        choice('z_from', 'Positions along the needle are measured from', TABLE_ORIGINS),
         field('offset_s', 'Seconds to add to the times of the displacement', tables.options.offset_s, option('offset_s')),
-        field('rate_hz', 'Rows per second, if there is no column of times', tables.options.rate_hz, option('rate_hz'))),
+        field('rate_hz', 'Rows per second, if there is no time column', tables.options.rate_hz, option('rate_hz'))),
       h('section', {}, h('h2', {}, `Columns of ${names}`),
         h('p', { class: 'note' }, 'The program recognizes columns by their names and units. Choose the quantities of the others; every column that is used needs a unit.'), mapping, echo, drawn)));
     const draw = () => {
@@ -104,7 +104,7 @@ function showTables() {
   });
 }
 
-/** A row for every column of numbers: what it is, in which unit. */
+/** A row for every column of numbers: its quantity and unit. */
 function drawMapping({ columns, quantities, maps }, tables, into, ask) {
   const chosen = new Map(maps.map((map) => [map.slice(0, map.lastIndexOf('=')), map.slice(map.lastIndexOf('=') + 1)]));
   const unitsOf = Object.fromEntries(quantities.map(({ name, units }) => [name, units]));
@@ -130,7 +130,7 @@ function drawMapping({ columns, quantities, maps }, tables, into, ask) {
   if (focused?.startsWith('tables-')) document.getElementById(focused)?.focus();
 }
 
-/** What was taken for what, and what to do with it. */
+/** The quantity of every column, and buttons to open or save the run. */
 function drawEcho(answer, tables, into) {
   const { taken, notes, others, forms, problem, kind, rows, files, map_file: map } = answer;
   if (problem) {
@@ -148,7 +148,7 @@ function drawEcho(answer, tables, into) {
       h('thead', {}, h('tr', {}, ...['Quantity', 'Column', 'Unit', 'From ... to', 'Rows'].map((text) => h('th', { scope: 'col' }, text)))), h('tbody', {}, ...cells))),
     h('ul', { class: 'findings' }, ...remarks.map((text) => h('li', {}, text))),
     h('p', { class: 'bar' },
-      h('button', { type: 'button', class: 'primary', id: 'tables-open', onclick: open }, 'It is right: open the session'),
+      h('button', { type: 'button', class: 'primary', id: 'tables-open', onclick: open }, 'Yes, open the session'),
       h('button', { type: 'button', onclick: () => Object.entries(files).forEach(([file, text]) => saveFile(file, text, 'text/plain')) }, 'Save the session\u2019s files'),
       h('button', { type: 'button', onclick: () => saveFile('map.toml', map, 'application/toml') }, 'Save the map')),
     h('p', { class: 'note' }, 'On the command line: ', h('code', { id: 'tables-command' }, tableCommand(tables, answer))));

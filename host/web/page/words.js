@@ -1,22 +1,22 @@
-// Words for people: plain names of the effects, terms with what they mean, and moduli to compare with.
+// Texts of the page: plain names of the effects, definitions of terms, and moduli for comparison.
 
 /** A value of an effect's parameter, as a number of a diagnosis or of a slider. */
 const valueOf = (parameters, name) => parameters?.[name]?.value ?? parameters?.[name];
 
-/** Names of the effects; those whose values say more than a name are functions of them. */
+/** Names of the effects. A name that depends on the values of the parameters is a function of them. */
 const PLAIN = {
   'tissue.layers': (own) => (Number.isFinite(valueOf(own, 'k_ratio')) ? `a ${valueOf(own, 'k_ratio') > 1 ? 'stiffer' : 'softer'} layer below ${number(valueOf(own, 'boundary_mm'))} mm` : 'a layer of another stiffness'),
   'tissue.gradient': (own) => (valueOf(own, 'gradient_per_mm') < 0 ? 'tissue that becomes softer with depth' : 'tissue that becomes stiffer with depth'),
   'tissue.stiffening': 'tissue that stiffens when it is pushed far',
   'tissue.relaxation': 'tissue that relaxes while it is held',
   'tissue.shear': 'neighbouring tissue that is pulled along (shear)',
-  'tissue.entry_gap': (own) => (Number.isFinite(valueOf(own, 'gap_mm')) ? `no contact down to ${number(valueOf(own, 'gap_mm'))} mm below the surface` : 'no contact below the surface'),
+  'tissue.entry_gap': (own) => (Number.isFinite(valueOf(own, 'gap_mm')) ? `no contact down to ${number(valueOf(own, 'gap_mm'))} mm below the surface` : 'no contact with the tissue just below the surface'),
   'tissue.skin': 'a stiff skin',
   'tissue.anisotropy': 'tissue that is stiffer in one direction',
   'tissue.yield': 'tissue that gives way near the surface',
   'tissue.finite_body': 'walls of the sample',
   'rig.guide2_position': 'a position of guide 2 that differs from the stated one',
-  'rig.surface_position': 'a tissue surface that lies deeper or higher than stated',
+  'rig.surface_position': 'a tissue surface that is further from or nearer to guide 2 than stated',
   'rig.clamp_compliance': 'a guide 1 that lets the needle tilt',
   'rig.frame_compliance': 'a frame that bends under load',
   'rig.backlash': 'clearance of the needle in guide 2',
@@ -45,7 +45,7 @@ const PLAIN = {
   'tip.cut_angle': 'a tip that cuts at an angle',
 };
 
-/** The plain name of an effect, with its values where they are known; its id where it has none, as effects of a file. */
+/** The plain name of an effect, with its values if they are known. An effect of a file has no plain name: its id is used. */
 function plainName(id, parameters = null) {
   const name = PLAIN[id] ?? id;
   return typeof name === 'function' ? name(parameters ?? {}) : name;
@@ -60,18 +60,18 @@ const TERMS = {
   'chi-square per reading': 'Squared misfit over squared noise, on average. About 1: noise alone. 4: the misfit is twice the noise.',
   'log evidence': 'Logarithm of the probability that a model gives to all readings, compared with another model; adjustable parameters lower it. A difference of 2.3 is a factor of ten.',
   residual: 'Measured minus computed by the model.',
-  'standard deviations': 'Units of the noise of one reading. A value beyond 3 is rarely due to chance.',
+  'standard deviations': 'Residual in units of the noise of one reading. A value beyond 3 is rarely due to chance.',
   'held out': 'Runs that no fit has used. They show whether a model predicts new data.',
   'tip load': 'Sideways force of the tissue on the tip, for example on a bevel. It bends the path.',
-  band: 'Contains the measured path at 95 of 100 depths, if everything assumed holds.',
-  'plain model': 'A beam on springs of one stiffness, without any effect.',
+  band: 'At each depth it contains the tip with a probability of 95 %, if everything assumed holds.',
+  'plain model': 'A needle as a beam in tissue of one stiffness, without any effect.',
   effect: 'A piece of physics that can be added to the model, such as a second layer or friction.',
 };
 
 /** A term with its meaning on hover, on focus and for screen readers. */
 const term = (name, shown = name) => h('dfn', { class: 'term', tabindex: '0', title: TERMS[name] }, shown);
 
-/** Young's moduli for comparison, kPa, with where they were measured; the manual has the sources. */
+/** Young's moduli for comparison, kPa; the manual has the sources. */
 const TYPICAL = [
   ['spleen', '3'], ['fat and gland of the breast', '3'], ['healthy liver', '3 to 8'], ['kidney, pancreas', '5'],
   ['muscle at rest', '10'], ['prostate without cancer', '30'], ['prostate cancer', '60'], ['gels for phantoms', '2 to 50'],
@@ -84,15 +84,15 @@ function typicalValues() {
     h('p', { class: 'note' }, 'Orders of magnitude of E; they differ by a factor of two between methods, strains and persons. K of an 18 gauge needle is about 0.9 times E if the tissue adheres to the needle. Sources: the manual, Identifying the modulus.'));
 }
 
-/** The model that a view uses, in words, with a way to what it lacks. */
+/** The model that a view uses, in words, followed by buttons. */
 function modelLine(text, ...more) {
   return h('p', { class: 'model', 'data-model': text }, h('strong', {}, 'Model: '), text, ...more);
 }
 
-/** An effect of a diagnosis, and those that explain the runs as well. */
+/** An effect of a diagnosis, and the other effects of its class. */
 const explanations = (one) => [plainName(one.id, one.parameters), ...one.class.filter((id) => id !== one.id).map((id) => plainName(id))];
 
-/** What a diagnosis of this session has found, if there is one. */
+/** Effects and model of the diagnosis of this session; null if it has not been diagnosed. */
 async function foundModel() {
   const key = JSON.stringify(['diagnose', {}]);
   if (!state.results.has(key)) return null;

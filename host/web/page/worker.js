@@ -81,7 +81,7 @@ const wasi = {
   fd_fdstat_set_flags: () => 0,
   path_open: (_fd, _lookup, at, length, flags, _base, _inheriting, _fdflags, result) => {
     const path = pathOf(at, length);
-    // Nothing is made and nothing is changed.
+    // The engine may neither create nor truncate files.
     if (flags & 0b1001) return EINVAL;
     if (!files.has(path)) return ENOENT;
     const fd = nextFd;

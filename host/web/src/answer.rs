@@ -13,7 +13,7 @@ use population::PopulationError;
 /// Why a request has no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum AnswerError {
-    /// It is no request.
+    /// The text is no request.
     #[error("request: {0}")]
     Request(#[from] serde_json::Error),
     /// A value is out of range.
@@ -29,22 +29,22 @@ pub enum AnswerError {
     /// The session cannot be read.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// A table of others cannot be read.
+    /// A foreign table cannot be read.
     #[error(transparent)]
     Table(#[from] TableError),
-    /// It cannot be identified.
+    /// The modulus cannot be identified.
     #[error("cannot identify: {0}")]
     Identify(#[from] IdentifyError),
-    /// It cannot be diagnosed.
+    /// The session cannot be diagnosed.
     #[error("cannot diagnose: {0}")]
     Diagnose(#[from] DiagnoseError),
-    /// The log of its investigation cannot be read.
+    /// The log of an investigation cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// It cannot be predicted.
+    /// The path cannot be predicted.
     #[error("cannot predict: {0}")]
     Predict(#[from] PredictError),
-    /// It cannot be planned.
+    /// The run cannot be planned.
     #[error("cannot plan: {0}")]
     Plan(#[from] PlanError),
     /// The records cannot be analysed.

@@ -8,7 +8,7 @@ use inference::walls::Cubes;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Depths that can be chosen: what some cube has room for.
+/// Depths that can be chosen: some cube has room for each.
 const DEPTHS_MM: [f64; 2] = [10.0, 150.0];
 
 /// Needle, depth and block.

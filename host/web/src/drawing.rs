@@ -12,7 +12,7 @@ use serde::Serialize;
 pub struct Figure {
     /// Name of the figure, as the program's files are named.
     pub name: String,
-    /// Description of the figure, for those who cannot see it.
+    /// Description of the figure, for screen readers.
     pub title: String,
     /// The figure.
     pub svg: String,
@@ -53,7 +53,7 @@ pub fn diagnosis(found: &Diagnosis) -> Result<Vec<Figure>, FigureError> {
     let title = "Log evidence of the leading effects over the starting model".to_owned();
     drawn.push(Figure::new("ranking".to_owned(), title, figures::ranking(found)?));
     if let Some(svg) = found.draws.as_ref().map(figures::predictive).transpose()?.flatten() {
-        let title = "Forces as measured, and as predicted before the data and with them".to_owned();
+        let title = "Measured forces, with their prior and posterior predictive intervals".to_owned();
         drawn.push(Figure::new("predictive".to_owned(), title, svg));
     }
     Ok(drawn)

@@ -2,7 +2,7 @@
 //! JSON. Results are the documents that the program prints with `--json`, by the same functions.
 //!
 //! It runs in two ways: compiled to WebAssembly (`wasm32-wasip1`) in a worker of the browser, where the page is its file system; and
-//! natively in tests. It reads sessions with the readers of the program, keeps what costs time between requests, and writes nothing.
+//! natively in tests. It reads sessions with the readers of the program, keeps costly results between requests, and writes no files.
 //!
 //! # Example
 //!
@@ -32,18 +32,18 @@ pub use request::Request;
 use inference::diagnose::Workbench;
 use std::path::PathBuf;
 
-/// Answers requests, and keeps what costs time between them.
+/// Answers requests, and keeps costly results between them.
 #[derive(Debug, Default)]
 pub struct Engine {
-    /// The session on which effects are tried, and what its tissue is taken for.
+    /// The session on which effects are tried, with the model of its tissue: springs or body.
     bench: Option<(PathBuf, String, Workbench)>,
     /// The device that is followed.
     follower: live::Follower,
 }
 
 impl Engine {
-    /// The answer to a request: `{"ok": ...}`, or `{"error": "..."}` with one line. `on_progress` receives a line for each step of what
-    /// takes time.
+    /// The answer to a request: `{"ok": ...}`, or `{"error": "..."}` with one line. `on_progress` receives a line for each step of a
+    /// slow computation.
     pub fn answer(&mut self, request: &str, on_progress: impl FnMut(&str)) -> String {
         let outcome = Request::parse(request)
             .map_err(AnswerError::from)

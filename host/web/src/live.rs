@@ -37,7 +37,7 @@ pub(crate) struct Follower {
     hello: Option<Hello>,
     /// Token of the newest connection.
     connection: Option<u32>,
-    /// Protocol of a device that speaks another one.
+    /// Protocol version of the device, if it is not that of this program.
     other_version: Option<u16>,
     condition: Option<(State, Option<Fault>)>,
     /// Added to the device's time.
@@ -50,7 +50,7 @@ pub(crate) struct Follower {
 /// Extremes over a short time: force x, force y (N), position x, position y (mm).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 struct Column {
-    /// Its number: a column that is not complete yet comes again.
+    /// Number of the column: an incomplete column is sent again with the same number.
     index: i64,
     time_s: f64,
     low: [f64; CHANNELS],

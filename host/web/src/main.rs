@@ -1,4 +1,4 @@
-//! The engine as a program: one request on standard input, the answer on standard output, steps of what takes time on standard error.
+//! The engine as a program: one request on standard input, the answer on standard output, steps of slow computations on standard error.
 //!
 //! In the browser the page calls its entry point once per request; between calls the engine keeps what it has prepared.
 #![forbid(unsafe_code)]

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 const SPACING_M: f64 = 1e-3;
 const RATE_HZ: f64 = 20.0;
 const LEVELS: [f64; 2] = [0.0, 1.0];
-/// Depths or displacements of one map at most.
+/// Largest number of depths or displacements of one map.
 const MAX_VALUES: usize = 40;
 const MM: f64 = 1e-3;
 

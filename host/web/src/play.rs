@@ -1,4 +1,4 @@
-//! A needle of one's own in a tissue of one's own: what the sensors would read by the forward model.
+//! A needle in tissue with properties that the sliders set: readings of the sensors by the forward model.
 
 use crate::answer::AnswerError;
 use mechanics::effects::{Effect, effect, neutral};
@@ -46,7 +46,7 @@ struct Play {
     outer_diameter_mm: f64,
     /// With the effects.
     with: Side,
-    /// Without them; nothing where there are none.
+    /// Without the effects; `None` if there are none.
     without: Option<Side>,
 }
 

@@ -32,10 +32,10 @@ pub enum Request {
     Identify {
         /// Folder of the session.
         dir: PathBuf,
-        /// Relation that converts K to Young's modulus; that of the program where it is not given, which takes longest of all.
+        /// Relation that converts K to Young's modulus; by default that of the program, which takes longest.
         #[serde(default)]
         relation: Option<String>,
-        /// `springs` or `body`; that of the session, or by evidence, where it is not given. K is the same with each, and is there soonest with
+        /// `springs` or `body`; by default that of the session, else by evidence. K is the same with both, and is found sooner with
         /// springs.
         #[serde(default)]
         foundation: Option<String>,
@@ -56,7 +56,7 @@ pub enum Request {
         dir: PathBuf,
         /// Depth up to which insertions are observed.
         until_mm: f64,
-        /// Text of the model file of a diagnosis; the plain model where it is not given.
+        /// Text of the model file of a diagnosis; by default the plain model.
         #[serde(default)]
         model: Option<String>,
     },
@@ -116,7 +116,7 @@ impl Request {
     /// precision in `serde_json`.
     ///
     /// # Errors
-    /// Where it is no JSON object, or not one of the requests with its fields.
+    /// The text is no JSON object, or not one of the requests with its fields.
     pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
         let mut fields: Map<String, Value> = serde_json::from_str(text)?;
         let Some(Value::String(name)) = fields.remove(NAME) else {

@@ -128,7 +128,7 @@ fn rig(dir: &Path) -> Result<Option<ModelFile>, AnswerError> {
     Ok(ModelFile::of_session_rig(dir)?.map(|(_, rig)| rig))
 }
 
-/// Options of `guide diagnose` for a session where none are given.
+/// Default options of `guide diagnose` for a session.
 fn diagnose_options(session: &Session) -> diagnose::Options {
     diagnose::Options {
         foundation: session.tissue.foundation.into(),
@@ -156,7 +156,7 @@ pub fn diagnosis(dir: &Path, on_progress: impl FnMut(&str)) -> Result<String, An
     Ok(serde_json::to_string(&DiagnosisAnswer { document: diagnosis, figures, model })?)
 }
 
-/// File of `guide investigate` in the session's folder; `null` where there is none.
+/// File of `guide investigate` in the session's folder; `null` without one.
 pub fn investigation(dir: &Path) -> Result<String, AnswerError> {
     Ok(serde_json::to_string(&Log::of_session(dir)?)?)
 }

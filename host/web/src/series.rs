@@ -1,4 +1,4 @@
-//! Measurements, in as many points as a picture needs.
+//! Measurements, thinned for drawing.
 
 use crate::answer::AnswerError;
 use formats::session::{InsertionRun, LateralRun, Session};
@@ -57,7 +57,7 @@ pub fn session(dir: &Path) -> Result<String, AnswerError> {
     Ok(serde_json::to_string(&series)?)
 }
 
-/// Every so manieth value times a factor.
+/// Every n-th value times a factor, so that at most [`POINTS`] remain.
 pub(crate) fn thinned(values: &[f64], factor: f64) -> Vec<f64> {
     let every = values.len().div_ceil(POINTS).max(1);
     values.iter().step_by(every).map(|value| factor * value).collect()

@@ -1,4 +1,4 @@
-//! Tables of other laboratories and programs: what is taken for what, and the session that becomes of them.
+//! Tables of other laboratories and programs: the quantity of every column, and the session made of the table.
 
 use crate::answer::AnswerError;
 use crate::series::thinned;
@@ -55,7 +55,7 @@ struct Answer {
     quantities: Vec<QuantityEntry>,
     /// Maps of the request, and those by names and units, as `--map` states them.
     maps: Vec<String>,
-    /// Columns of the session that were made of them; empty if there is a problem.
+    /// Columns of the session made of them; empty if there is a problem.
     taken: Vec<TakenColumn>,
     others: Vec<String>,
     forms: Vec<String>,
@@ -196,7 +196,7 @@ impl TableRequest {
         })
     }
 
-    /// Files of a session with the run; why there is none yet otherwise.
+    /// Files of a session with the run, or the reason why there is none yet.
     fn files_of(&self, setup: &Setup, taken: &Taken) -> Result<SessionFiles, String> {
         let first = self.files.first().map_or(Path::new("run"), PathBuf::as_path);
         let id = self.id.clone().unwrap_or_else(|| id_of(first));

@@ -232,7 +232,7 @@ pub fn investigates(browser: &Browser, address: &str) -> Result<String> {
         "a stiff skin",
         "0.06",
         "2.5",
-        "has its name",
+        "was named",
     ] {
         ensure!(shown.contains(text), "no {text:?} in {shown}");
     }
