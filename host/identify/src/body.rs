@@ -22,14 +22,14 @@ impl FoundationResult {
         self
     }
 
-    /// Warning that the choice of the foundation is valid for one modulus only: the modulus varies with depth, and two layers do
-    /// not decide.
+    /// Warning that the choice of the foundation assumes one modulus: the modulus varies with depth, and two layers do not
+    /// decide between the foundations.
     pub(super) fn undecided(&self) -> Option<String> {
         let varied =
             self.log_evidence_of_varied.filter(|gain| self.by == "evidence" && *gain >= VARIED_NATS)?;
         let used = if self.used == "springs" { "springs" } else { "an elastic body" };
         Some(format!(
-            "the choice of {used} is valid for one modulus only, and a modulus that varies with depth explains the runs better (log evidence \
+            "the choice of {used} assumes one modulus for all depths, but a modulus that varies with depth explains the runs better (log evidence \
              {varied:+.1}): K and E depend on this choice; compare both foundations with two layers (guide identify --layers), or search for the \
              missing effect (guide diagnose)"
         ))
@@ -42,7 +42,7 @@ impl FoundationResult {
         let why = match (self.log_evidence_gain, self.log_evidence_margin) {
             _ if self.by == "layers" => "by the evidence of two layers".to_owned(),
             (Some(gain), Some(margin)) => format!(
-                "by evidence (an elastic body {gain:+.1} nats against springs, more than {margin:+.1} needed)"
+                "by evidence (log evidence of an elastic body over springs {gain:+.1} nats, more than {margin:+.1} needed)"
             ),
             _ if self.by == "stated" => "as stated".to_owned(),
             _ => "by default: an elastic body could not be compared with them".to_owned(),
@@ -185,7 +185,7 @@ fn body(
     let mut notes = Vec::new();
     let body_fits = fitted(runs, tissue.body())?;
     let pooled = pool::pool(&body_fits, &plain, &mut notes);
-    warnings.extend(notes.into_iter().map(|note| format!("elastic body (K stands for E here): {note}")));
+    warnings.extend(notes.into_iter().map(|note| format!("elastic body (read E for K): {note}")));
     let value = pooled.k_kpa;
     let mut by_poisson = 0.0;
     if let Some(alternative) = tissue.other_body() {

@@ -36,7 +36,7 @@ pub(super) fn fit_run(prepared: &mut Prepared, run: &LateralRun) -> Result<Fit, 
     }
     if outliers > 0 {
         prepared.warnings.push(format!(
-            "{outliers} of {points} points of the shape are outliers, single ones far from their neighbours: not in the fit"
+            "{outliers} of {points} points of the shape are outliers (single points far from their neighbours), and are excluded from the fit"
         ));
     }
     if best.at_bound.first() == Some(&true) {

@@ -88,9 +88,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let with_discrepancy = needs_evidence.then(|| model_error::fit(session, &fitted, options, tissue));
     match &with_discrepancy {
         Some(Ok(found)) if options.model_error => {
-            warnings.extend(
-                found.moved.iter().map(|one| format!("{one}: K is computed with the value from before")),
-            );
+            warnings
+                .extend(found.moved.iter().map(|one| format!("{one}: K is computed with the former value")));
             pooled = pooled.with_model_error(found.springs);
         }
         Some(Err(why)) => warnings
@@ -279,7 +278,7 @@ fn loose_fit(prepared: &Prepared) -> Option<String> {
     let sd_m = prepared.data.shape_sd_m;
     (!prepared.known_shape_noise && sd_m > LOOSE_SHARE * largest_m).then(|| {
         format!(
-            "the shape is {:.3} mm (sd) off the fitted beam, beside deflections of up to {:.3} mm: this may be no noise",
+            "the shape deviates from the fitted beam by {:.3} mm (sd), at deflections of up to {:.3} mm: this may not be noise",
             1e3 * sd_m,
             1e3 * largest_m
         )

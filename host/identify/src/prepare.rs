@@ -181,11 +181,11 @@ fn spikes(used: &[&Hold]) -> Option<String> {
     let counts: Vec<String> = channels
         .iter()
         .filter(|(count, _)| *count > 0)
-        .map(|(count, channel)| format!("{count} of the {channel}"))
+        .map(|(count, channel)| format!("{count} in the {channel}"))
         .collect();
     (!counts.is_empty()).then(|| {
         format!(
-            "spikes (single readings far from their neighbours) are left out of the means of holds: {}",
+            "spikes (single readings far from their neighbours) are excluded from the means of holds: {}",
             counts.join(", ")
         )
     })

@@ -298,8 +298,8 @@ impl Workflow<'_> {
 }
 
 /// Warning for a guide 2 at rest.
-const AT_REST: &str = "guide 2 rests in what is learned from and the stiffness of the needle's rear is not known: any modulus explains the paths with another \
-                       tip load; modulus and gap are not identifiable, tip loads are those over the moduli assumed beforehand. Move guide 2 on the way";
+const AT_REST: &str = "guide 2 rests in the insertions that are used, and the stiffness of the needle's rear is not known: any modulus explains the paths \
+                       with another tip load; modulus and gap are not identifiable, and tip loads are averaged over the moduli of the prior. Move guide 2 on the way";
 
 /// Advice for a quantity whose estimate is at an end of its range.
 fn end_of_range(name: &str, determined: Identifiability) -> Option<String> {
@@ -335,7 +335,7 @@ fn warnings(observed: &TipPath, path: &TipPath) -> Vec<String> {
     let row_count: f64 = path.bins.iter().map(|bin| bin.rows).sum();
     if path.rows_skipped as f64 > 0.2 * row_count {
         warnings.push(format!(
-            "{} rows beside {row_count:.0} are skipped: before the surface, drawn back, misread, or in the middle of a turn",
+            "{} rows are skipped beside {row_count:.0} that are used: before the surface, drawn back, misread, or in the middle of a turn",
             path.rows_skipped
         ));
     }

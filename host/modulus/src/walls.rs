@@ -71,10 +71,11 @@ impl WallsResult {
         match &self.block {
             Some(block) => Some(block.to_string()),
             None if self.stated == IN_MODEL => {
-                Some(format!("not stated; what they do, {FINITE_BODY}, is in the model"))
+                Some(format!("not stated; their effect, {FINITE_BODY}, is in the model"))
             }
-            None => (!self.is_stated())
-                .then(|| "not stated: E is that of a half space, and may be off by half and more".to_owned()),
+            None => (!self.is_stated()).then(|| {
+                "not stated: E is that of a half space, and may be wrong by half or more".to_owned()
+            }),
         }
     }
 
@@ -87,16 +88,16 @@ impl WallsResult {
             .map_or(String::new(), |[low_kpa, high_kpa]| format!(" ({low_kpa:.2} to {high_kpa:.2} kPa)"));
         let range = match self.not_stated {
             Some(UnknownWalls { edge_mm, held_edge_mm, held, free }) => format!(
-                ", and its interval allows for a box of {held_edge_mm:.0} mm or more that holds it (E times {:.2}) and for a block of {edge_mm:.0} mm \
-                 or more, up to twice as long, that stands free (times {:.1})",
+                ", and its interval allows for tissue in a box of {held_edge_mm:.0} mm or more (E times {:.2}) and for a free-standing block of {edge_mm:.0} mm \
+                 or more, up to twice as long (times {:.1})",
                 held.recip(),
                 free.recip()
             ),
-            None => ", and may be off by half and more".to_owned(),
+            None => ", and may be wrong by half or more".to_owned(),
         };
         let basis = if self.stated == IN_MODEL {
             format!(
-                "what they do is in the model ({FINITE_BODY}) as one motion of all that is around the needle"
+                "their effect is in the model ({FINITE_BODY}) as one motion of everything around the needle"
             )
         } else {
             "E is that of a half space".to_owned()

@@ -103,7 +103,7 @@ fn warns(model: ModelFile, options: &Options) -> bool {
     let identification = identify(&on(model, &[20.0, 30.0, 40.0], 11), options).expect("identifies");
     let varied = identification.foundation.log_evidence_of_varied.expect("compared");
     let warned =
-        identification.warnings.iter().any(|warning| warning.contains("is valid for one modulus only"));
+        identification.warnings.iter().any(|warning| warning.contains("assumes one modulus for all depths"));
     assert_eq!(warned, varied >= 5.0, "{varied}");
     warned
 }

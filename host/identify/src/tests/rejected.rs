@@ -15,12 +15,15 @@ fn only_error(run: LateralRun) -> RunError {
 fn what_does_not_fit_together_is_reported() {
     let mut small = Recipe::default().run("a", &mut Noise::new(2));
     small.shape.y_m.iter_mut().for_each(|y_m| *y_m *= 0.3);
-    assert_warned(small, "off the fitted beam");
+    assert_warned(small, "deviates from the fitted beam");
     let mut strong = Recipe { force_sd_n: 0.005, ..Recipe::default() }.run("a", &mut Noise::new(2));
     strong.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= 1.5);
     assert_warned(strong, "force and shape disagree");
     let sound = identified(&session(vec![Recipe::default().run("a", &mut Noise::new(2))])).warnings;
-    assert!(!sound.iter().any(|w| w.contains("disagree") || w.contains("off the fitted")), "{sound:?}");
+    assert!(
+        !sound.iter().any(|w| w.contains("disagree") || w.contains("deviates from the fitted")),
+        "{sound:?}"
+    );
 }
 
 fn assert_warned(run: LateralRun, words: &str) {

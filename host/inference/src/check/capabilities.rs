@@ -58,7 +58,7 @@ fn identify(session: &Session) -> Capability {
     }
     if session.tissue.walls.is_none() && session.lateral.iter().any(|run| run.depth_m > 0.0) {
         ability.remarks.push(
-            "E needs the walls of the tissue: in a gel of 60 mm it is off by a third in a box and by half or more where the gel stands free; state body_mm, needle_at_mm, \
+            "E depends on the walls of the tissue: without them, E of a gel of 60 mm is wrong by a third in a box and by half or more if the gel stands free; state body_mm, needle_at_mm, \
              sides and far_side in [tissue], or sides = \"far\" where no wall is near (K does not need them)"
                 .to_owned(),
         );

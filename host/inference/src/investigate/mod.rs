@@ -68,13 +68,15 @@ pub enum End {
 impl Display for End {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Named => "what is missing has its name",
+            Self::Named => "the missing effect is named",
             Self::NothingMissing => {
-                "nothing is missing, and no run that the rig can make is expected to show anything"
+                "no effect is missing, and no further run of this rig is expected to show one"
             }
-            Self::NothingWouldTell => "no run that the rig can make is expected to tell what is missing",
-            Self::ModulusKnown => "the modulus is known as well as was wanted",
-            Self::MaxRuns => "as many runs as were allowed",
+            Self::NothingWouldTell => {
+                "an effect is missing, and no further run of this rig is expected to identify it"
+            }
+            Self::ModulusKnown => "the modulus is known with the requested accuracy",
+            Self::MaxRuns => "the allowed number of runs is reached",
             Self::Stopped => "stopped on request",
         })
     }

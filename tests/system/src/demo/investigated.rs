@@ -145,7 +145,7 @@ mod tests {
         let wanted = Wanted::of(printed).expect("a command").expect("a run");
         assert_eq!((wanted.depth_mm.as_str(), wanted.id.as_str()), ("40", "y40-1"));
         assert_eq!(wanted.program, "demo/hidden/next.toml");
-        assert!(Wanted::of("end        what is missing has its name\n").expect("nothing").is_none());
+        assert!(Wanted::of("end        the missing effect is named\n").expect("nothing").is_none());
         assert!(Wanted::of("  guide acquire --port PORT\n").is_err());
     }
 }

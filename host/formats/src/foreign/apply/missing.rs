@@ -67,7 +67,7 @@ pub(super) fn nothing(tables: &[RawTable], parts: &[Part]) -> TableError {
     TableError::File {
         path: path.to_owned(),
         problem: format!(
-            "columns {} of which {} could be told ({})",
+            "columns {}; recognized: {} ({})",
             column_names.join(", "),
             if mapped_names.is_empty() { "none".to_owned() } else { mapped_names.join(", ") },
             reasons(tables, parts).join("; ")

@@ -192,7 +192,7 @@ pub(super) fn check_sign(force_n: &[f64], moved_m: &[f64], notes: &mut Vec<Strin
     let pairs: Vec<(f64, f64)> = moved_m.iter().copied().zip(force_n.iter().copied()).collect();
     if Correlation::of(&pairs).is_some_and(|line| line.slope < 0.0 && line.log_likelihood() > ALIKE) {
         notes.push(
-            "the force falls where the displacement rises, as that of the tissue on the sensor does: a minus before its unit turns it round (--map '...=force_y_n:-N')"
+            "the force falls where the displacement rises, as the force of the tissue on the guide does: a minus before its unit reverses its sign (--map '...=force_y_n:-N')"
                 .to_owned(),
         );
     }
