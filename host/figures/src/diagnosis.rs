@@ -23,8 +23,9 @@ pub fn residuals(gap: &HeldOutMisfit) -> Result<String, FigureError> {
         let height = 60 + 230 * channels.len().max(1) as u32;
         let area = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
         area.fill(&WHITE).map_err(failed)?;
-        let area =
-            area.titled("measured less predicted, runs held out of every fit", (FONT, 22)).map_err(failed)?;
+        let area = area
+            .titled("measured minus predicted, runs held out of every fit", (FONT, 22))
+            .map_err(failed)?;
         for (panel, channel) in area.split_evenly((channels.len().max(1), 1)).iter().zip(&channels) {
             let x = range(of_channel(channel, &gap.points).map(|point| point.at_mm));
             let y = range(of_channel(channel, &gap.points).flat_map(|point| [point.before, point.after]));

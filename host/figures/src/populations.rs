@@ -203,7 +203,7 @@ fn funnel(found: &Population) -> Result<String, FigureError> {
             -wide..wide,
             largest..0.0,
             "standard deviation of ln K of the session",
-            "ln K less the mean of the group",
+            "ln K minus the mean of the group",
         )?;
         for side in [-1.0, 1.0] {
             let line = [(0.0, 0.0), (side * formats::NORMAL_975 * largest, largest)];
@@ -233,7 +233,7 @@ fn time_chart(found: &Population, rig: &str, rows: &[(&SessionRow, f64)]) -> Res
         let days = range(points.iter().map(|point| point.0));
         let values = range(points.iter().flat_map(|point| [point.1, point.2, -point.2]));
         let x_name = format!("days since {}", date.unwrap_or_default());
-        let mut chart = axes(area, days, values, "ln K less the mean of the group", &x_name)?;
+        let mut chart = axes(area, days, values, "ln K minus the mean of the group", &x_name)?;
         for (day, _, limit, _) in &points {
             let line = LineSeries::new([(*day, -limit), (*day, *limit)], GREY.mix(0.4).stroke_width(1));
             chart.draw_series(line).map_err(failed)?;

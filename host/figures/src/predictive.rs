@@ -46,8 +46,8 @@ pub fn predictive(draws: &Draws) -> Result<Option<String>, FigureError> {
             let forces = panel.forces();
             let mut chart = axes(&titled, times, forces.clone(), "force, N", "time, s")?;
             let bands = [
-                ("predicted before the data (95 %)", &panel.prior, GREY.mix(0.3)),
-                ("predicted with the data (95 %)", &panel.posterior, POSTERIOR.mix(0.35)),
+                ("prior predictive interval (95 %)", &panel.prior, GREY.mix(0.3)),
+                ("posterior predictive interval (95 %)", &panel.posterior, POSTERIOR.mix(0.35)),
             ];
             for (label, band, colour) in bands {
                 let at = |end: usize| {

@@ -58,7 +58,7 @@ function showPlan() {
         h('section', { class: 'controls' }, h('h2', {}, 'Tissue, run and limits'),
           h('p', { class: 'note' }, state.session ? `Needle, guides and noise of ${state.session}.` : 'An 18 gauge steel needle in the standard rig. Open a session to use its needle and rig.'),
           ...sliders),
-        h('section', {}, h('h2', {}, 'Accuracy of a run: half-width of the 95 % interval by noise alone'),
+        h('section', {}, h('h2', {}, 'Accuracy of a run: half-width of the 95 % interval, without model error'),
           modelLine('plain: tissue of one stiffness, no effect'),
           h('p', { class: 'note' }, 'Rows: displacement of guide 2, mm. Numbers: the largest half-width over the range of the modulus, percent. A strong colour marks an accurate run, a dashed red border a run that exceeds a limit.'), map,
           h('h2', {}, 'One run'), ...selects.map(([, , row]) => row), facts)),

@@ -206,7 +206,7 @@ fn take_out_zeros(column: &mut RawColumn, lines: &[usize]) -> Option<String> {
     leave_out(column, &mark);
     let (line, count) = (lines.get(mark.row)?, mark.rows.len());
     Some(format!(
-        "line {line}: \"{}\" {}: such zeros between readings are marks of missing ones, {count} of them, and left out",
+        "line {line}: \"{}\" {}: such zeros between readings mark missing ones; {count} are left out",
         column.header,
         words(&mark)
     ))
@@ -254,13 +254,13 @@ fn stuck(column: &RawColumn, lines: &[usize]) -> Option<String> {
     let is_chance = readings.values.len() as f64 * again.powi(exponent) >= CHANCE;
     let line = lines.get(readings.row(longest))?;
     let remark = if other_stretches.is_empty() {
-        "it has no other ones"
+        "it has no other readings"
     } else {
-        "its other ones differ from each other"
+        "its other readings differ from each other"
     };
     (!is_chance).then(|| {
         format!(
-            "line {line}: \"{}\" is exactly {value} in {} readings behind each other ({count} in all), and {remark}: is the channel at the end of its range, held or \
+            "line {line}: \"{}\" is exactly {value} in {} consecutive readings ({count} in all), and {remark}: is the channel at the end of its range, held or \
              not connected? They are used",
             column.header, longest.count
         )

@@ -84,7 +84,7 @@ impl Form<'_> {
             field: field.to_owned(),
             problem,
             expected: format!(
-                "one form in a file: part it at line {line}, write both parts in one form below the same names, and import that"
+                "one form in a file: split it at line {line}, write both parts in one form below the same names, and import the result"
             ),
         }
     }
@@ -132,7 +132,7 @@ impl Form<'_> {
         notes: &mut Vec<String>,
     ) -> Result<(), TableError> {
         notes.push(format!(
-            "line {line}: a line of numbers right above the rows ({count} in all) has {has}, where these have {} columns: taken as no reading",
+            "line {line}: a line of numbers right above the rows ({count} in all) has {has}, and these have {} columns: it is not used as a reading",
             self.width
         ));
         Ok(())
@@ -193,7 +193,7 @@ impl RawTable {
             line,
             field: "number of columns".to_owned(),
             problem: format!("{count} cells, where most rows have {width}"),
-            expected: "the same columns in every row: part the file where they change, or write an empty cell for a number that is missing"
+            expected: "the same columns in every row: split the file where they change, or write an empty cell for a number that is missing"
                 .to_owned(),
         }
     }

@@ -17,7 +17,7 @@ pub(super) fn take_out(column: &mut RawColumn, lines: &[usize]) -> Vec<String> {
         let Some(mark) = readings.mark(*value, prior, &values) else { continue };
         leave_out(column, &mark);
         notes.push(format!(
-            "line {}: \"{}\": {} readings of {value}, beside {}, are further from the others than these ever are from each other: marks of missing ones, and \
+            "line {}: \"{}\": {} readings of {value}, beside {}, are further from the others than these ever are from each other: they mark missing ones and are \
              left out",
             lines.get(mark.row).copied().unwrap_or_default(),
             column.header,

@@ -250,7 +250,8 @@ impl RawTable {
         let last = rows.len().saturating_sub(1);
         let end = table.end(&rows, first, has_decimal_comma);
         if let Some((line, _)) = rows.get(end) {
-            notes.push(format!("the rows from line {line} on are words, as a summary has, and skipped"));
+            notes
+                .push(format!("the rows from line {line} on contain words, like a summary, and are skipped"));
         }
         let mut kept_rows: Vec<&[String]> = Vec::new();
         for (at, (line, cells)) in rows.iter().enumerate().take(end).skip(first) {
@@ -264,7 +265,7 @@ impl RawTable {
                 if header.is_some_and(|(_, names)| are_names(cells, names)) {
                     return Err(TableError::File {
                         path: table.path,
-                        problem: format!("line {line} has names again: two tables one behind the other"),
+                        problem: format!("line {line} has names again: two tables one after the other"),
                         expected: "one recording in a file".to_owned(),
                     });
                 }
@@ -309,7 +310,7 @@ impl RawTable {
         let short = table.short_rows(&kept_rows, width, has_decimal_comma)?;
         if let Some(line) = short.first().and_then(|row| table.lines.get(*row)) {
             notes.push(format!(
-                "{} rows, from line {line} on, have fewer numbers than there are columns, which does not tell what is missing: they are left out",
+                "{} rows, from line {line} on, have fewer numbers than there are columns, so that it is unknown which are missing: they are left out",
                 short.len()
             ));
             table.leave_out_rows(&short);
@@ -324,7 +325,7 @@ impl RawTable {
             kept_rows = without(&kept_rows, &marked_rows);
         }
         for column in table.columns.iter().filter(|column| joined.contains(&(column.number - 1))) {
-            notes.push(format!("\"{}\": signs between thousands are left out", column.header));
+            notes.push(format!("\"{}\": thousands separators are left out", column.header));
         }
         table.leave_out_numbers(&mut notes);
         table.notes = notes;

@@ -66,7 +66,7 @@ pub(super) fn events(lines: &[usize], kept: &[&[String]], index: usize) -> Vec<R
 }
 
 /// Valid content of rows behind a new zero.
-pub const ONE_ZERO: &str = "one zero for all rows: add what was taken off to those behind, or import both parts as runs of their own";
+pub const ONE_ZERO: &str = "one zero for all rows: add the subtracted offset to the later rows, or import both parts as separate runs";
 
 /// Step of a column at a remark, and the largest one elsewhere; none where there are no readings on both sides.
 fn steps(table: &RawTable, column: &RawColumn, line: usize) -> Option<[f64; 2]> {
@@ -105,7 +105,7 @@ pub(super) fn check(table: &RawTable, column: &RawColumn, notes: &mut Vec<String
             });
         }
         notes.push(format!(
-            "{}: line {line}: \"{text}\", and \"{}\" goes on without a step (by {}): it is taken as having the zero of before",
+            "{}: line {line}: \"{text}\", and \"{}\" goes on without a step (by {}): the zero is assumed to be unchanged",
             table.path.display(),
             column.header,
             rounded(step)

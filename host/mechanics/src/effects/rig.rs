@@ -43,7 +43,7 @@ impl Effect for SurfacePosition {
         const {
             &EffectInfo {
                 id: "rig.surface_position",
-                physics: "the tissue begins further from guide 2 than stated, and the needle ends as much further",
+                physics: "the tissue surface is further from guide 2 than stated, and the tip is further by the same distance",
                 signature: "shape and force as those of a longer gap, the same at every depth",
                 observable_in: RunKinds::BOTH,
                 is_costly: false,
@@ -170,7 +170,7 @@ impl Effect for Backlash {
         const {
             &EffectInfo {
                 id: "rig.backlash",
-                physics: "guide 2 has clearance: the needle follows once it is taken up, on either side",
+                physics: "guide 2 has clearance: the needle follows once the clearance is taken up, on either side",
                 signature: "force flat about zero displacement; in insertions the tip stays until the clearance is taken up",
                 observable_in: RunKinds::BOTH,
                 is_costly: false,
@@ -193,7 +193,7 @@ impl Effect for Play {
         const {
             &EffectInfo {
                 id: "rig.play",
-                physics: "play between displacement sensor and guide 2: it stays where it was left until the play is taken up (a play operator)",
+                physics: "play between displacement sensor and guide 2: guide 2 stays in place until the play is taken up (a play operator)",
                 signature: "a loop of force and shape against displacement, after every turn; in insertions the same as rig.backlash",
                 observable_in: RunKinds::BOTH,
                 is_costly: false,

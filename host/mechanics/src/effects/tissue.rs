@@ -318,8 +318,8 @@ impl Effect for FiniteBody {
         const {
             &EffectInfo {
                 id: "tissue.finite_body",
-                physics: "the tissue is a block: what is around the needle moves by (exp(give_ln) - 1) 30/m F/E under a lateral force F, about a foot \
-                          that stays; in a box that holds it give_ln is negative (elastic body)",
+                physics: "the tissue is a block: the tissue around the needle moves by (exp(give_ln) - 1) 30/m F/E under a lateral force F, turning about a \
+                          fixed foot; give_ln is negative for tissue held in a box (elastic body)",
                 signature: "force and shape as in softer or stiffer tissue, the more the deeper the needle",
                 observable_in: RunKinds::BOTH,
                 is_costly: false,

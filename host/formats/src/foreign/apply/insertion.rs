@@ -139,7 +139,8 @@ fn refer_depth(
     if zero == Zero::First {
         let begin_m = depth_m.first().copied().unwrap_or(0.0);
         depth_m.iter_mut().for_each(|value| *value -= begin_m);
-        notes.push(format!("depth_mm is counted from where it begins: {:.4} mm is taken off", 1e3 * begin_m));
+        notes
+            .push(format!("depth_mm is counted from its first value: {:.4} mm is subtracted", 1e3 * begin_m));
         return Ok(());
     }
     let [shallowest_m, deepest_m] = zero::range(depth_m);

@@ -128,8 +128,8 @@ fn no_straight(doubt: &ShapeDoubt) -> TableError {
     TableError::Map {
         choice: "deflection_y_mm".to_owned(),
         problem: doubt.to_string(),
-        expected: "distances from the straight needle: the shape at zero displacement taken off, or that shape in the same table with its time \
-                   (time_s before guide 2 moves), which is taken off then; --zero written takes them as they are"
+        expected: "distances from the straight needle: the shape at zero displacement subtracted, or that shape in the same table with its time \
+                   (time_s before guide 2 moves), which is then subtracted; --zero written keeps them as they are"
             .to_owned(),
     }
 }

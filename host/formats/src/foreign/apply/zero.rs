@@ -168,7 +168,7 @@ pub(super) fn refer_tip(
         }
     };
     tip_m.iter_mut().for_each(|value| *value -= zero_m);
-    notes.push(format!("{name} {why}: {:.4} mm is taken off (--zero written keeps it)", 1e3 * zero_m));
+    notes.push(format!("{name} {why}: {:.4} mm is subtracted (--zero written keeps it)", 1e3 * zero_m));
 }
 
 /// Whether guide 2 is away from its zero at first.
