@@ -1,23 +1,20 @@
 //! Joint fit of a hypothesis to runs: parameters, sizes of the discrepancy, and the evidence (theory, eq. 62).
 //!
-//! Gauss and Newton's method in the metric of noise and discrepancy. Every iteration finds the most probable sizes for the
-//! current linearisation, then takes a step that is halved until the objective at these sizes falls. At the end Laplace's
-//! method gives the evidence.
+//! [`Iteration`] goes to the most probable point, [`Fitted`] is the result with its queries.
 
+mod iteration;
 mod quantities;
 mod round;
 
-pub(super) use round::{MAX_LN_STEP, jacobian, misfit, residuals, squares_at};
+pub(super) use iteration::{Iteration, Problem};
+pub(super) use round::{MAX_LN_STEP, Metric, jacobian, misfit, residuals};
 
-use super::evidence::{Evidence, Patterns, Products};
+use super::evidence::{Patterns, Products};
 use super::layout::{HeavyTailedParameter, Layout, Prepared, StatedPlace};
-use super::weights::same;
 use nalgebra::{DMatrix, DVector};
-use readings::{FitError, Parameter};
-use round::{descend, in_units, prior_sd, products, squares, step, stepped};
+use readings::FitError;
+use round::{in_units, prior_sd, products};
 
-/// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
-const SETTLED_SD: f64 = 0.05;
 /// Two fits are the same whose values differ by less than this, in posterior standard deviations.
 const SAME_SD: f64 = 0.3;
 /// Rounds of a fit that has to converge.
@@ -65,103 +62,8 @@ impl Fitted {
         sizes: &[f64],
         rounds: usize,
     ) -> Result<Self, FitError> {
-        Self::beside(layout, runs, patterns, starts, sizes, rounds, &[])
-    }
-
-    /// The same with known sensitivities to the first parameters, run by run, from a fit without the further parameters.
-    ///
-    /// # Errors
-    /// [`FitError`] where there is no fit.
-    pub fn beside(
-        layout: &Layout,
-        runs: &[Prepared],
-        patterns: &Patterns,
-        starts: &[f64],
-        sizes: &[f64],
-        rounds: usize,
-        known: &[DMatrix<f64>],
-    ) -> Result<Self, FitError> {
-        let mut parameters = layout.parameters(starts);
-        let start: Vec<f64> = parameters.iter().map(|p| p.start.clamp(p.least, p.most)).collect();
-        let mut point = Point { residuals: residuals(layout, runs, &start)?, values: start };
-        let mut sizes = sizes.to_vec();
-        let mut settled = false;
-        let mut round = 0;
-        // After a short step they are as before.
-        let mut sensitivities = Vec::new();
-        let mut before_jump: Option<Self> = None;
-        loop {
-            // Priors with heavy tails follow the values.
-            parameters = layout.parameters(&point.values);
-            if !settled {
-                sensitivities = jacobian(layout, runs, &point.values, &parameters, &point.residuals, known)?;
-            }
-            let products = products(patterns, &parameters, &point, &sensitivities);
-            sizes = patterns.likeliest_sizes(&sizes, &products);
-            let evidence = patterns.evidence(&sizes, &products).ok_or(FitError::Undetermined)?;
-            round += 1;
-            if settled || round > rounds {
-                let last = finish(
-                    layout,
-                    patterns,
-                    parameters,
-                    point,
-                    sensitivities,
-                    sizes,
-                    &products,
-                    evidence,
-                    settled,
-                )?;
-                return Ok(match before_jump {
-                    Some(before) if before.log_evidence > last.log_evidence => before,
-                    _ => last,
-                });
-            }
-            let step = step(&parameters, &point.values, &evidence).ok_or(FitError::Undetermined)?;
-            let short = step.iter().zip(&parameters).enumerate().all(|(i, (step, p))| {
-                let sd = evidence.covariance[(i, i)].sqrt() * prior_sd(p);
-                step.abs() <= SETTLED_SD * sd
-            });
-            match descend(layout, runs, patterns, &parameters, &point, &sizes, &step)? {
-                Some(next) => {
-                    point = next;
-                    settled = short;
-                }
-                // No shorter step is better either. Where the linearised model promises more a place that data jump over may be in between:
-                // the other side is tried once.
-                None => {
-                    let there = if before_jump.is_none() && !short {
-                        stepped(layout, runs, &point, &step)
-                    } else {
-                        None
-                    };
-                    let Some(there) = there else {
-                        settled = true;
-                        continue;
-                    };
-                    let here = Point { values: point.values.clone(), residuals: point.residuals.clone() };
-                    let (parameters, sensitivities, sizes) =
-                        (parameters.clone(), sensitivities.clone(), sizes.clone());
-                    let here = finish(
-                        layout,
-                        patterns,
-                        parameters,
-                        here,
-                        sensitivities,
-                        sizes,
-                        &products,
-                        evidence,
-                        true,
-                    )?;
-                    if 2.0 * (here.promised - here.log_evidence) > same() {
-                        point = there;
-                    } else {
-                        settled = true;
-                    }
-                    before_jump = Some(here);
-                }
-            }
-        }
+        let problem = Problem { layout, runs, patterns, known: &[] };
+        Iteration::new(problem, starts, sizes)?.after(rounds)?.finish()
     }
 
     /// Logarithm of the evidence, or its expected value at convergence if the fit has not converged.
@@ -385,43 +287,4 @@ impl Fitted {
     pub fn with_evidence_of(self, other: &Self) -> Self {
         Self { log_evidence: other.log_evidence, sizes: other.sizes.clone(), ..self }
     }
-}
-
-#[expect(clippy::too_many_arguments, reason = "the parts of one result")]
-fn finish(
-    layout: &Layout,
-    patterns: &Patterns,
-    parameters: Vec<Parameter>,
-    point: Point,
-    jacobian: Vec<DMatrix<f64>>,
-    sizes: Vec<f64>,
-    products: &Products,
-    evidence: Evidence,
-    settled: bool,
-) -> Result<Fitted, FitError> {
-    let squares = squares(patterns, &sizes, &parameters, &point).ok_or(FitError::Undetermined)?;
-    let volume = patterns.ln_volume_of_sizes(&sizes, products).ok_or(FitError::Undetermined)?;
-    let tails = layout.ln_prior_over_normal(&point.values);
-    let log_evidence = -0.5 * squares - evidence.half_ln_determinant - evidence.size_prior + volume + tails;
-    if !log_evidence.is_finite() {
-        return Err(FitError::NotFinite);
-    }
-    let promised = volume + tails - evidence.minus_ln;
-    let covariance = in_units(&evidence.covariance, &parameters);
-    let at_bound = point.values.iter().zip(&parameters).map(|(value, p)| {
-        let slack = 1e-9 * (p.most - p.least).min(1.0);
-        *value <= p.least + slack || *value >= p.most - slack
-    });
-    Ok(Fitted {
-        layout: layout.clone(),
-        at_bound: at_bound.collect(),
-        values: point.values,
-        residuals: point.residuals,
-        covariance,
-        jacobian,
-        sizes,
-        log_evidence,
-        promised,
-        settled,
-    })
 }

@@ -348,21 +348,36 @@ impl Patterns {
         of_runs.chain(&self.shared_groups).filter(|of| **of == group).count() as f64
     }
 
-    /// Sizes that maximize the evidence, from a start.
-    pub fn likeliest_sizes(&self, start: &[f64], products: &Products) -> Vec<f64> {
+    /// Sizes that maximize the evidence, from a start; the search ends when a step promises a smaller gain of log evidence than `least_gain`.
+    /// `None` where the evidence does not exist at the start.
+    pub fn likeliest_sizes(&self, start: &[f64], products: &Products, least_gain: f64) -> Option<Likeliest> {
         let free = self.free();
-        let logarithms: Vec<f64> =
-            free.iter().map(|g| start[*g].max(MIN_SHARE * self.groups[*g].everyday).ln()).collect();
-        if free.is_empty() {
-            return start.to_vec();
-        }
-        let solution = sizes::search(self, products, &free, start, logarithms);
+        // Smaller sizes have no influence.
         let mut sizes = start.to_vec();
-        for (group, ln) in free.iter().zip(solution) {
-            sizes[*group] = ln.exp().max(MIN_SHARE * self.groups[*group].everyday);
+        for group in &free {
+            sizes[*group] = sizes[*group].max(MIN_SHARE * self.groups[*group].everyday);
         }
-        sizes
+        if free.is_empty() {
+            let evidence = self.evidence(&sizes, products)?;
+            return Some(Likeliest { sizes, evidence, ln_volume: 0.0 });
+        }
+        let (mut sizes, evidence, curvatures) = sizes::search(self, products, &free, &sizes, least_gain)?;
+        for group in free {
+            sizes[group] = sizes[group].max(MIN_SHARE * self.groups[group].everyday);
+        }
+        Some(Likeliest { sizes, evidence, ln_volume: self.ln_volume(&curvatures) })
     }
+}
+
+/// The most probable sizes of the discrepancy for a linearised model.
+#[derive(Debug, Clone)]
+pub struct Likeliest {
+    /// Size of every group.
+    pub sizes: Vec<f64>,
+    /// Evidence and posterior of the parameters there.
+    pub evidence: Evidence,
+    /// Change of the log evidence by integration over the sizes, as of [`Patterns::ln_volume_of_sizes`].
+    pub ln_volume: f64,
 }
 
 /// Scalar products of columns with all basis functions and with each other.

@@ -17,6 +17,8 @@ const SETTLED_SD: f64 = 0.05;
 const MAX_STEP_SD: f64 = 1.2;
 const MAX_HALVINGS: usize = 8;
 const MAX_ROUNDS: usize = 20;
+/// Sizes of the discrepancy are found to this gain of log evidence: differences between models matter from about 1 on.
+const LEAST_GAIN: f64 = 1e-3;
 /// First rounds in which noise and sizes are estimated again; later rounds refine the parameters alone, except for the last one.
 const ROUNDS_OF_NOISE: usize = 4;
 /// Steps of the numerical derivatives: in prior standard deviations in the first round, then in posterior ones, with a lower limit in
@@ -303,7 +305,9 @@ impl Fitted {
 /// Estimates sizes and noise again for the linearised model.
 fn improve(bench: &Bench<'_>, basis: &Basis, columns: &[DMatrix<f64>], start: &mut Start) {
     let (patterns, products, _) = whitened(bench, basis, &start.noises, columns);
-    start.sizes = patterns.likeliest_sizes(&start.sizes, &products);
+    if let Some(likeliest) = patterns.likeliest_sizes(&start.sizes, &products, LEAST_GAIN) {
+        start.sizes = likeliest.sizes;
+    }
     start.noises = likeliest(&start.noises, &memories(bench), |noises| {
         let (patterns, products, ln_sds) = whitened(bench, basis, noises, columns);
         patterns.evidence(&start.sizes, &products).map(|evidence| evidence.minus_ln + ln_sds)

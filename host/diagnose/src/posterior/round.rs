@@ -1,6 +1,6 @@
 //! One iteration of a fit: residuals, sensitivities and their products, the step and its length.
 
-use super::super::evidence::{Evidence, Patterns, Products};
+use super::super::evidence::{Elimination, Evidence, Patterns, Products};
 use super::super::layout::{Layout, Prepared};
 use super::Point;
 use nalgebra::{DMatrix, DVector};
@@ -140,36 +140,43 @@ pub(super) fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence
     Some(wanted_steps.iter().zip(parameters).zip(values).map(is_in_range).collect())
 }
 
+/// The metric of noise and discrepancy of some sizes.
+pub(crate) struct Metric<'a> {
+    patterns: &'a Patterns,
+    elimination: Elimination,
+}
+
+impl<'a> Metric<'a> {
+    /// `None` for an invalid size.
+    pub fn new(patterns: &'a Patterns, sizes: &[f64]) -> Option<Self> {
+        Some(Self { patterns, elimination: patterns.elimination(sizes)? })
+    }
+
+    /// Squares of whitened residuals.
+    pub fn misfit(&self, residuals: &[Vec<f64>]) -> f64 {
+        let columns: Vec<DMatrix<f64>> =
+            residuals.iter().map(|r| DMatrix::from_column_slice(r.len(), 1, r)).collect();
+        let products = self.patterns.products(&columns);
+        products.among[(0, 0)] - self.elimination.of(&products).norm_squared()
+    }
+
+    /// Twice the objective: squares of the residuals and of the distances from the prior means.
+    pub(super) fn squares(&self, parameters: &[Parameter], point: &Point) -> f64 {
+        let pairs = parameters.iter().zip(&point.values);
+        self.misfit(&point.residuals) + pairs.map(|(p, v)| from_prior(p, *v).powi(2)).sum::<f64>()
+    }
+
+    /// The same at these values; `None` where the model has no solution.
+    pub fn squares_at(&self, layout: &Layout, runs: &[Prepared], values: &[f64]) -> Option<f64> {
+        let parameters = layout.parameters(values);
+        let point = Point { residuals: residuals(layout, runs, values).ok()?, values: values.to_vec() };
+        Some(self.squares(&parameters, &point))
+    }
+}
+
 /// Squares of whitened residuals in the metric of noise and discrepancy of these sizes.
 pub(crate) fn misfit(patterns: &Patterns, sizes: &[f64], residuals: &[Vec<f64>]) -> Option<f64> {
-    let columns: Vec<DMatrix<f64>> =
-        residuals.iter().map(|r| DMatrix::from_column_slice(r.len(), 1, r)).collect();
-    Some(patterns.in_metric(sizes, &patterns.products(&columns))?[(0, 0)])
-}
-
-/// Twice the objective at fixed sizes: squares of the residuals in the metric and of the distances from the prior means.
-pub(super) fn squares(
-    patterns: &Patterns,
-    sizes: &[f64],
-    parameters: &[Parameter],
-    point: &Point,
-) -> Option<f64> {
-    let misfit = misfit(patterns, sizes, &point.residuals)?;
-    let priors: f64 = parameters.iter().zip(&point.values).map(|(p, v)| from_prior(p, *v).powi(2)).sum();
-    Some(misfit + priors)
-}
-
-/// The same at these values; nothing where the model has no solution.
-pub(crate) fn squares_at(
-    layout: &Layout,
-    runs: &[Prepared],
-    patterns: &Patterns,
-    values: &[f64],
-    sizes: &[f64],
-) -> Option<f64> {
-    let parameters = layout.parameters(values);
-    let point = Point { residuals: residuals(layout, runs, values).ok()?, values: values.to_vec() };
-    squares(patterns, sizes, &parameters, &point)
+    Some(Metric::new(patterns, sizes)?.misfit(residuals))
 }
 
 /// The point behind a whole step; nothing where the model has no solution there.
@@ -178,17 +185,16 @@ pub(super) fn stepped(layout: &Layout, runs: &[Prepared], from: &Point, step: &[
     Some(Point { residuals: residuals(layout, runs, &values).ok()?, values })
 }
 
-/// The first of a step, its half, its quarter and so on that makes the objective smaller; nothing where none does.
+/// The first of a step, its half, its quarter and so on that makes the objective smaller; `None` where none does.
 pub(super) fn descend(
     layout: &Layout,
     runs: &[Prepared],
-    patterns: &Patterns,
+    metric: &Metric<'_>,
     parameters: &[Parameter],
     from: &Point,
-    sizes: &[f64],
     step: &[f64],
-) -> Result<Option<Point>, FitError> {
-    let squares_before = squares(patterns, sizes, parameters, from).ok_or(FitError::Undetermined)?;
+) -> Option<Point> {
+    let squares_before = metric.squares(parameters, from);
     let mut step_fraction = 1.0;
     for _ in 0..=MAX_HALVINGS {
         let values: Vec<f64> =
@@ -197,9 +203,9 @@ pub(super) fn descend(
         // A step to values for which the model has no solution was too long.
         let Ok(residuals) = residuals(layout, runs, &values) else { continue };
         let point = Point { values, residuals };
-        if squares(patterns, sizes, parameters, &point).is_some_and(|after| after <= squares_before) {
-            return Ok(Some(point));
+        if metric.squares(parameters, &point) <= squares_before {
+            return Some(point);
         }
     }
-    Ok(None)
+    None
 }

@@ -2,7 +2,7 @@
 
 use super::super::found::{Candidate, Standing};
 use super::super::layout::{Layout, Scale};
-use super::super::posterior::{Fitted, MAX_LN_STEP, MAX_ROUNDS, squares_at};
+use super::super::posterior::{Fitted, Iteration, MAX_LN_STEP, MAX_ROUNDS, Metric, Problem};
 use super::super::score::Score;
 use super::super::weights::{ModelPrior, NO_WEIGHT, one_sided, stated_ln_odds};
 use super::Search;
@@ -167,8 +167,8 @@ impl Search<'_> {
                 }
             }
         }
-        let squares =
-            starts.iter().map(|start| squares_at(&fitted.layout, self.runs, self.patterns, start, sizes));
+        let Some(metric) = Metric::new(self.patterns, sizes) else { return fitted.values().to_vec() };
+        let squares = starts.iter().map(|start| metric.squares_at(&fitted.layout, self.runs, start));
         let judged = squares.zip(&starts).filter_map(|(squares, start)| Some((squares?, start)));
         let best = judged.min_by(|a, b| a.0.total_cmp(&b.0));
         best.map_or_else(|| fitted.values().to_vec(), |(_, start)| start.clone())
@@ -189,17 +189,23 @@ impl Search<'_> {
             starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
             starts
         };
-        let fit = |starts: &[f64], rounds| {
-            // The rest of the model changes little with the effect: good enough to judge what it is worth.
-            let known = &base.jacobian;
-            Fitted::beside(&layout, self.runs, self.patterns, starts, &sizes, rounds, known).ok()
-        };
         let mut starts: Vec<Vec<f64>> = score.starts.iter().map(from).collect();
         if is_costly {
             starts.truncate(1);
         }
-        // From every place: which is best shows only once the rest of the model has followed.
-        let fits = starts.iter().filter_map(|from| fit(from, FIRST_ROUNDS));
+        // The rest of the model changes little with the effect: good enough to judge what it is worth.
+        let problem =
+            Problem { layout: &layout, runs: self.runs, patterns: self.patterns, known: &base.jacobian };
+        let mut fits: Vec<Iteration> =
+            starts.iter().filter_map(|from| Iteration::new(problem, from, &sizes).ok()).collect();
+        for _ in 0..FIRST_ROUNDS {
+            // Which place is best shows only once the rest of the model has followed; a place whose linearised model promises less than
+            // another one has reached is not.
+            let reached = fits.iter().filter_map(Iteration::reached).fold(f64::NEG_INFINITY, f64::max);
+            fits.retain(|fit| fit.promised() >= reached);
+            fits = fits.into_iter().filter_map(|fit| fit.after(1).ok()).collect();
+        }
+        let fits = fits.into_iter().filter_map(|fit| fit.finish().ok());
         let fitted = fits.max_by(|a, b| a.worth().total_cmp(&b.worth()))?;
         let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);
         Some((fitted, gain))

@@ -102,8 +102,13 @@ impl Patterns {
         if curvature.is_empty() {
             return Some(0.0);
         }
-        let (eigenvalues, least) = (curvature.symmetric_eigenvalues(), self.min_curvature());
-        Some(-0.5 * eigenvalues.iter().map(|value| value.max(least).ln()).sum::<f64>())
+        Some(self.ln_volume(&curvature.symmetric_eigenvalues()))
+    }
+
+    /// The same from the eigenvalues of the second derivatives.
+    pub(super) fn ln_volume(&self, curvatures: &DVector<f64>) -> f64 {
+        let least = self.min_curvature();
+        -0.5 * curvatures.iter().map(|value| value.max(least).ln()).sum::<f64>()
     }
 
     /// Covariance of the parameters, in units of their priors, with the sizes integrated over; that at the most probable sizes

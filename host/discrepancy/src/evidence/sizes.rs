@@ -7,13 +7,11 @@
 //! once (Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977).
 
 use super::{Evidence, Patterns, Products, Reduced};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DVector, Dyn, SymmetricEigen};
 
 /// Largest numbers of steps, and of trials of a step.
 const MAX_STEPS: usize = 20;
 const MAX_TRIALS: usize = 8;
-/// The search ends when a step promises a smaller gain of log evidence than this: differences between models matter from about 1 on.
-const MIN_GAIN: f64 = 1e-3;
 /// Largest first step of the logarithm of a size: it changes the variance by a factor of e^2, beyond which the second derivatives are
 /// not valid.
 const LONGEST_STEP: f64 = 1.0;
@@ -63,21 +61,27 @@ impl Objective<'_> {
         DVector::from_iterator(self.free.len(), steps)
     }
 
+    fn curvature(&self, point: &Point) -> SymmetricEigen<f64, Dyn> {
+        self.patterns.curvature_of(&point.sizes, &point.reduced, self.free).symmetric_eigen()
+    }
+
     /// Newton's step, and the gain of log evidence that it promises. Along an axis of negative curvature the step uses the absolute
     /// value of the curvature, so that it goes downhill; no step along an axis is longer than `longest`.
-    fn newton_step(&self, point: &Point, longest: f64) -> (DVector<f64>, f64) {
-        let slopes = self.slopes(point);
-        let curvature: DMatrix<f64> = self.patterns.curvature_of(&point.sizes, &point.reduced, self.free);
-        let eigen = curvature.symmetric_eigen();
-        let along = eigen.eigenvectors.tr_mul(&slopes);
+    fn newton_step(
+        &self,
+        point: &Point,
+        curvature: &SymmetricEigen<f64, Dyn>,
+        longest: f64,
+    ) -> (DVector<f64>, f64) {
+        let along = curvature.eigenvectors.tr_mul(&self.slopes(point));
         let mut promised = 0.0;
-        let steps = along.zip_map(&eigen.eigenvalues, |slope, curvature| {
+        let steps = along.zip_map(&curvature.eigenvalues, |slope, curvature| {
             let steepness = curvature.abs().max(slope.abs() / longest);
             let step = if steepness > 0.0 { -slope / steepness } else { 0.0 };
             promised -= step * (slope + 0.5 * step * curvature.abs());
             step
         });
-        (&eigen.eigenvectors * steps, promised)
+        (&curvature.eigenvectors * steps, promised)
     }
 
     /// The point after the step, or after the longest fraction of it that lowers the objective, with this fraction.
@@ -90,17 +94,18 @@ impl Objective<'_> {
     }
 }
 
-/// Minimizes the objective from a start, and returns the logarithms of the free sizes. All other sizes are those of `sizes`.
+/// Minimizes the objective from these sizes, of which all but the free ones stay, until a step promises less than `least_gain`. Returns the
+/// sizes, the evidence and the eigenvalues of the second derivatives there; `None` where the evidence does not exist at the start.
 pub(super) fn search(
     patterns: &Patterns,
     products: &Products,
     free: &[usize],
     sizes: &[f64],
-    start: Vec<f64>,
-) -> Vec<f64> {
+    least_gain: f64,
+) -> Option<(Vec<f64>, Evidence, DVector<f64>)> {
     let objective = Objective { patterns, products, free, sizes };
-    let start = DVector::from_vec(start);
-    let Some(mut point) = objective.at(start.clone()) else { return start.data.into() };
+    let start = DVector::from_iterator(free.len(), free.iter().map(|group| sizes[*group].ln()));
+    let mut point = objective.at(start)?;
     let expected = objective.expected_step(&point);
     if expected.amax() > LONGEST_STEP
         && let Some(next) = objective.at(&point.logarithms + expected)
@@ -109,14 +114,16 @@ pub(super) fn search(
         point = next;
     }
     let mut longest = LONGEST_STEP;
+    let mut curvature = objective.curvature(&point);
     for _ in 0..MAX_STEPS {
-        let (step, promised) = objective.newton_step(&point, longest);
-        if promised < MIN_GAIN {
+        let (step, promised) = objective.newton_step(&point, &curvature, longest);
+        if promised < least_gain {
             break;
         }
         let Some((next, share)) = objective.behind(&point, &step) else { break };
         longest = if share < 1.0 { longest * share } else { 2.0 * longest };
         point = next;
+        curvature = objective.curvature(&point);
     }
-    point.logarithms.data.into()
+    Some((point.sizes, point.evidence, curvature.eigenvalues))
 }

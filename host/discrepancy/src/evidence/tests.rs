@@ -114,7 +114,7 @@ fn slopes_are_those_of_differences() {
 fn likeliest_sizes_are_a_minimum_and_leave_known_ones() {
     let (patterns, columns) = drawn();
     let products = patterns.products(&columns);
-    let sizes_found = patterns.likeliest_sizes(&patterns.everyday(), &products);
+    let sizes_found = patterns.likeliest_sizes(&patterns.everyday(), &products, 1e-3).expect("sizes").sizes;
     let least = minus_ln(&patterns, &columns, &sizes_found);
     for group in 0..2 {
         for factor in [0.8, 1.25] {
@@ -138,7 +138,7 @@ fn sizes_are_found_from_far_away() {
     }
     let products = patterns.products(&columns);
     let small = [1e-4, 1e-4, 0.3];
-    let sizes_found = patterns.likeliest_sizes(&small, &products);
+    let sizes_found = patterns.likeliest_sizes(&small, &products, 1e-3).expect("sizes").sizes;
     let least = minus_ln(&patterns, &columns, &sizes_found);
     assert!(sizes_found[1] > 1.0, "{sizes_found:?}");
     for group in 0..2 {
@@ -183,7 +183,7 @@ fn likeliest() -> (Patterns, Products, Vec<f64>) {
         group.everyday = 0.2 * everyday;
     }
     let products = patterns.products(&columns);
-    let sizes = patterns.likeliest_sizes(&[0.6, 0.8, 0.6], &products);
+    let sizes = patterns.likeliest_sizes(&[0.6, 0.8, 0.6], &products, 1e-3).expect("sizes").sizes;
     (patterns, products, sizes)
 }
 
