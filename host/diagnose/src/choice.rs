@@ -78,10 +78,12 @@ pub(super) fn choose(
         first.fitted.layout.support.name()
     ));
     let found = on(&first, judge, catalogue).run(&mut report)?;
+    let other_search = on(&second, judge, catalogue);
     let is_searched = !only_body
         && (is_in_question(&first, &second, &found)?
-            || promises_more(&found, &on(&first, judge, catalogue), &on(&second, judge, catalogue))?);
-    let other_outcome = if is_searched { on(&second, judge, catalogue).run(&mut report).ok() } else { None };
+            || has_likely_name(&found, &other_search)?
+            || promises_more(&found, &on(&first, judge, catalogue), &other_search)?);
+    let other_outcome = if is_searched { other_search.run(&mut report).ok() } else { None };
     // If no effect was added on the first foundation, effects on the other one also have to reduce the held-out misfit.
     let is_better = other_outcome.as_ref().is_some_and(|other| {
         let explains_held_out = !found.members.is_empty()
@@ -105,6 +107,13 @@ pub(super) fn choose(
 fn on<'a>(start: &'a Start, judge: &'a Judge, catalogue: Catalogue<'a>) -> Search<'a> {
     let Start { runs, patterns, fitted } = start;
     Search::new(fitted, runs, patterns, judge, catalogue)
+}
+
+/// Whether effects were found on the first foundation, and a name on the second one explains the runs about as well: effects that exist on
+/// one foundation only have another name on the other.
+fn has_likely_name(found: &Found, second: &Search<'_>) -> Result<bool, DiagnoseError> {
+    let needed = found.prior.ln_weight(&found.fitted) + NO_WEIGHT;
+    Ok(!found.members.is_empty() && second.ln_weight_of_names()? > needed)
 }
 
 /// Whether a law was found on the first foundation, and the score of an effect on the second foundation is high enough that this effect may

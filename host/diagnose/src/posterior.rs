@@ -239,15 +239,6 @@ impl Fitted {
         self
     }
 
-    /// Decrease of the log evidence if the discrepancy has these sizes instead; `None` for an invalid size.
-    pub fn ln_cost_of_sizes(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
-        let parameters = self.layout.parameters(&self.values);
-        let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
-        let products = products(patterns, &parameters, &point, &self.jacobian);
-        let [own, other] = [self.sizes.as_slice(), sizes].map(|sizes| patterns.evidence(sizes, &products));
-        Some(other?.minus_ln - own?.minus_ln)
-    }
-
     /// For each stated quantity of the rig, the fraction of the variance of the logarithm of the modulus that would vanish if
     /// it were exactly known; largest first.
     pub fn rests_on(&self, patterns: &Patterns) -> Vec<(&'static str, f64)> {

@@ -194,24 +194,41 @@ impl<'a> Search<'a> {
         })))
     }
 
+    /// Prior of the models that the search may come to.
+    fn prior(&self) -> Result<ModelPrior, FitError> {
+        let scores = self.scored_names(self.start)?;
+        let names = scores.iter().filter(|score| score.is_identifiable).count();
+        Ok(ModelPrior::new(names, discover::shown(self.start, self.catalogue.left_out).len()))
+    }
+
+    /// Logarithm of the weight of the start, or of the likeliest name beside it that is possible.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn ln_weight_of_names(&self) -> Result<f64, FitError> {
+        let prior = self.prior()?;
+        let candidates = self.candidates(self.start, &prior, false)?;
+        let explanations = explanations_of(&candidates);
+        let weights = explanations.iter().map(|one| prior.ln_weight(&one.fitted));
+        Ok(weights.fold(prior.ln_weight(self.start), f64::max))
+    }
+
     /// Adds the missing effects to the start, one after the other; and again from other first effects, if these may lead to a
     /// more probable set.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
     pub fn run(&self, mut report: impl FnMut(&str)) -> Result<Found, FitError> {
-        let scores = self.scored_names(self.start)?;
-        let names = scores.iter().filter(|score| score.is_identifiable).count();
-        let prior = ModelPrior::new(names, discover::shown(self.start, self.catalogue.left_out).len());
+        let prior = self.prior()?;
         let mut first = Vec::new();
         let mut set = self.grown(self.start.clone(), &prior, &mut first, &mut report)?;
-        for Beginning { fitted, promise } in self.beginnings(&set, &first, &prior)? {
-            if promise <= prior.ln_weight(&set.fitted) {
+        for Beginning { fitted, ln_weight } in self.beginnings(&set, &first, &prior)? {
+            if ln_weight <= prior.ln_weight(&set.fitted) {
                 break;
             }
             report("a set of other effects may be likelier: the search begins again");
             let other = self.grown(fitted, &prior, &mut first, &mut report)?;
-            if self.is_likelier(&other, &set, &prior) {
+            if self.is_likelier(&other.fitted, &set.fitted, &prior) {
                 set = other;
             }
         }

@@ -16,17 +16,17 @@ use std::sync::PoisonError;
 /// Models from which the search begins again, at most: each costs the whole search.
 const MAX_BEGINNINGS: usize = 4;
 
-/// A model with one effect from which the search begins again.
+/// A model from which the search begins again.
 pub(super) struct Beginning {
     pub fitted: Fitted,
-    /// Logarithm of the weight of a set to which it may lead.
-    pub promise: f64,
+    /// Logarithm of its weight.
+    pub ln_weight: f64,
 }
 
 impl Search<'_> {
-    /// Models with one effect from which the search may come to a likelier set than this one, most promising first. An effect that imitates
-    /// two others is found before each of them, and no exchange of one effect leads from it to the two. A model promises what it has, with
-    /// the best score beside it: that is the weight of a set of two, as far as the second is small.
+    /// Models from which the search may come to a likelier set than this one, likeliest first: each candidate beside the start, with the
+    /// best name or law beside it. An effect that imitates two others is found before each of them, and no exchange of one effect leads
+    /// from it to the two. A model that predicts what was held out worse leads nowhere, however well it describes what was not.
     pub(super) fn beginnings(
         &self,
         set: &Set,
@@ -59,41 +59,38 @@ impl Search<'_> {
         let candidates = by_gain.into_iter().filter(|other| other.gain() > 0.0).filter(&mut is_new);
         let fits: Vec<&Fitted> =
             candidates.filter_map(|other| other.refit.as_ref().map(|(fit, _)| fit)).collect();
-        let beginning = |fit: &&Fitted| -> Result<Option<Beginning>, FitError> {
-            let Some(fitted) = self.fit(&fit.layout, fit.values(), &fit.sizes, MAX_ROUNDS) else {
-                return Ok(None);
-            };
-            let promise = self.promise_of(&fitted, prior)?;
-            let is_usable = !fitted.at_bound.contains(&true) && promise > prior.ln_weight(&set.fitted);
-            Ok(is_usable.then_some(Beginning { fitted, promise }))
+        let begin = |fit: &&Fitted| -> Result<Option<Beginning>, FitError> {
+            let alone = self.fit(&fit.layout, fit.values(), &fit.sizes, MAX_ROUNDS);
+            let Some(alone) = alone.filter(|alone| !alone.at_bound.contains(&true)) else { return Ok(None) };
+            let mut models = self.pairs_with(&alone)?;
+            models.push(alone);
+            let weighted = models.into_iter().map(|fitted| (prior.ln_weight(&fitted), fitted));
+            let likelier = weighted.filter(|(_, fitted)| {
+                self.is_likelier(fitted, &set.fitted, prior)
+                    && self.judge.held_out_shrinks(&set.fitted, fitted)
+            });
+            let best = likelier.max_by(|(one, _), (other, _)| one.total_cmp(other));
+            Ok(best.map(|(ln_weight, fitted)| Beginning { fitted, ln_weight }))
         };
-        let beginnings: Vec<Option<Beginning>> = fits.par_iter().map(beginning).collect::<Result<_, _>>()?;
+        let beginnings: Vec<Option<Beginning>> = fits.par_iter().map(begin).collect::<Result<_, _>>()?;
         let mut beginnings: Vec<Beginning> = beginnings.into_iter().flatten().collect();
-        beginnings.sort_by(|a, b| b.promise.total_cmp(&a.promise));
+        beginnings.sort_by(|a, b| b.ln_weight.total_cmp(&a.ln_weight));
         beginnings.truncate(MAX_BEGINNINGS);
         Ok(beginnings)
     }
 
-    /// Logarithm of the weight of a set of two with this one: that of the best name or law beside it, as it is fitted or, which is more
-    /// where the first rounds of a fit go wrong, by its score. Scores are beside discrepancy of everyday sizes at most, and a fit whose
-    /// discrepancy is larger has less evidence there.
-    fn promise_of(&self, fitted: &Fitted, prior: &ModelPrior) -> Result<f64, FitError> {
+    /// A model with the best name, and with the best law, beside it by their scores.
+    fn pairs_with(&self, fitted: &Fitted) -> Result<Vec<Fitted>, FitError> {
         let [names, laws] = self.foreseen(fitted)?;
-        let sizes = self.at_most_everyday(&fitted.sizes);
-        let cost = fitted.ln_cost_of_sizes(self.patterns, &sizes).ok_or(FitError::Undetermined)?;
-        let alone = prior.ln_weight(fitted);
-        let by_score = |score: &Score| alone + score.log_evidence + prior.ln_odds(score.effect) - cost;
-        let as_fitted = |score: &Score| {
-            let (pair, _) = self.refit(fitted, score)?;
-            let pair = self.fit(&pair.layout, pair.values(), &pair.sizes, MAX_ROUNDS)?;
-            Some(prior.ln_weight(&pair))
-        };
-        let promise = |score: &Score| match self.pair_beside(score.effect, fitted) {
-            Some(pair) => [pair.map(|pair| prior.ln_weight(&pair)), None],
-            None => [Some(by_score(score)), as_fitted(score)],
-        };
         let best = [names.first(), laws.first()].into_iter().flatten();
-        Ok(best.flat_map(promise).flatten().fold(alone, f64::max))
+        let pair = |score: &Score| match self.pair_beside(score.effect, fitted) {
+            Some(pair) => pair,
+            None => {
+                let (pair, _) = self.refit(fitted, score)?;
+                self.fit(&pair.layout, pair.values(), &pair.sizes, MAX_ROUNDS)
+            }
+        };
+        Ok(best.filter_map(pair).collect())
     }
 
     /// The pair of an effect with that of a model, where the search has asked already for what is missing beside the former; nothing in it where others were ahead.
@@ -111,11 +108,11 @@ impl Search<'_> {
         Some(candidate.and_then(|candidate| candidate.refit.as_ref()).map(|(fitted, _)| fitted.clone()))
     }
 
-    /// Whether a set is likelier than another one, by its evidence, its prior and what was held out.
-    pub(super) fn is_likelier(&self, new: &Set, known: &Set, prior: &ModelPrior) -> bool {
+    /// Whether a model is likelier than another one, by its evidence, its prior and what was held out.
+    pub(super) fn is_likelier(&self, new: &Fitted, known: &Fitted, prior: &ModelPrior) -> bool {
         let start = prior.ln_weight(self.start);
         let judged = self.by_held_out(
-            [known, new].into_iter().map(|set| Some((prior.ln_weight(&set.fitted) - start, &set.fitted))),
+            [known, new].into_iter().map(|fitted| Some((prior.ln_weight(fitted) - start, fitted))),
         );
         let [old_odds, new_odds] = judged.as_slice() else { return false };
         !new_odds.is_refuted && (old_odds.is_refuted || new_odds.ln_odds > old_odds.ln_odds)
