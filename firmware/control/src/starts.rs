@@ -4,8 +4,9 @@
 //! is erased. A number is stored with its complement, so that one which a power cut has damaged is recognized and skipped.
 //! Wherever power fails, the largest number so far is in the page that is not being erased. A page holds 64 numbers and endures 10,000
 //! erasures, so that the two pages count 1.28 million starts.
-
-use crate::commands::TOKENS;
+//!
+//! Numbers only grow, because the largest one is the latest. There are tokens for 2^20 starts ([`crate::commands::first_token`]):
+//! start 2^20 has those of start 0 again, start 2^20 + 1 those of start 1, and so on.
 
 /// Number of pages.
 pub const PAGES: usize = 2;
@@ -15,8 +16,6 @@ pub const PAGE_BYTES: usize = 512;
 const ENTRY_BYTES: usize = 8;
 /// Byte of erased flash.
 const ERASED: u8 = 0xFF;
-/// Number of different start numbers: 2^32 tokens in blocks of [`TOKENS`].
-const NUMBERS: u32 = (1 << 31) / (TOKENS / 2);
 
 /// The number of a start, and where it is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,7 +42,7 @@ pub fn to_stored(count: u32) -> [u8; ENTRY_BYTES] {
 fn from_stored(stored: &[u8]) -> Option<u32> {
     let [a, b, c, d, e, f, g, h] = *stored.first_chunk()?;
     let (count, complement) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
-    (complement == !count && count < NUMBERS).then_some(count)
+    (complement == !count).then_some(count)
 }
 
 /// The largest number in a page.
@@ -54,8 +53,8 @@ fn largest(page: &[u8; PAGE_BYTES]) -> Option<u32> {
 /// The number of this start.
 pub fn next(pages: &[[u8; PAGE_BYTES]; PAGES]) -> NextStart {
     let [first, second] = pages;
-    // The numbers wrap after [`NUMBERS`] starts, fewer than the flash is rated for.
-    let count = largest(first).max(largest(second)).map_or(0, |count| (count + 1) % NUMBERS);
+    // The flash is worn out long before the numbers reach their end.
+    let count = largest(first).max(largest(second)).map_or(0, |count| count.saturating_add(1));
     let (page, bytes) = if largest(second) > largest(first) { (1, second) } else { (0, first) };
     // The number is written behind all used entries, including those that a power cut has damaged.
     let used_entries = bytes
@@ -71,6 +70,7 @@ pub fn next(pages: &[[u8; PAGE_BYTES]; PAGES]) -> NextStart {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::first_token;
 
     type Pages = [[u8; PAGE_BYTES]; PAGES];
 
@@ -126,7 +126,22 @@ mod tests {
         assert_eq!((first.count, first.offset, first.erases), (0, 0, true));
         write(&mut pages, first, None);
         assert_eq!(next(&pages).count, 1);
-        write(&mut pages, NextStart { count: NUMBERS - 1, offset: 8, ..first }, None);
-        assert_eq!(next(&pages).count, 0, "the last number");
+    }
+
+    /// A start that had the number of another one would have its tokens, and an erasure at every start would wear the flash out.
+    #[test]
+    fn starts_after_the_last_block_of_tokens_differ_too_and_erase_no_more_often() {
+        let last = (1 << 20) - 1;
+        let mut pages = [[ERASED; PAGE_BYTES]; PAGES];
+        write(&mut pages, NextStart { count: last, page: 0, offset: 0, erases: false }, None);
+        let mut erasures = 0;
+        for start in 1..=1_000 {
+            let next = next(&pages);
+            assert_eq!(next.count, last + start);
+            assert_eq!(first_token(7, next.count), first_token(7, start - 1), "the tokens of 2^20 starts before");
+            erasures += u32::from(next.erases);
+            write(&mut pages, next, None);
+        }
+        assert_eq!(erasures, 1_000 / (PAGE_BYTES / ENTRY_BYTES) as u32);
     }
 }
