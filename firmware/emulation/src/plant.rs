@@ -28,7 +28,8 @@
 //! | 12..20 | 2 x i32 | codes of the force channels X and Y, 24 bit |
 //! | 20..22 | u16 | time that each conversion of the potentiometers takes beyond its normal one, microseconds; [`NEVER`] = it does not end |
 //! | 22..24 | u16 | bytes that the serial line carries towards the host in the next period; [`UNLIMITED`] = as many as there are |
-//! | 24..32 | | zero |
+//! | 24 | u8 | 1: an assertion of a driver fails |
+//! | 25..32 | | zero |
 //!
 //! A device that resets starts again with step 0, on the same pipes; one reply to a request from before the reset may still
 //! wait for it, which it skips.
@@ -131,6 +132,8 @@ pub struct PlantReply {
     pub panic: bool,
     /// The program calls itself until its stack is used up.
     pub stack_overflow: bool,
+    /// An assertion of a driver fails, which ends in the panic of the log.
+    pub driver_panic: bool,
 }
 
 impl Default for PlantReply {
@@ -150,6 +153,7 @@ impl Default for PlantReply {
             brown_out: false,
             panic: false,
             stack_overflow: false,
+            driver_panic: false,
         }
     }
 }
@@ -245,6 +249,7 @@ impl PlantReply {
         }
         bytes[20..22].copy_from_slice(&self.potentiometer_conversion_us.to_le_bytes());
         bytes[22..24].copy_from_slice(&self.line_bytes.to_le_bytes());
+        bytes[24] = self.driver_panic.into();
         bytes
     }
 
@@ -285,6 +290,7 @@ impl PlantReply {
             brown_out,
             panic,
             stack_overflow,
+            driver_panic: bytes[24] != 0,
         })
     }
 }

@@ -7,6 +7,9 @@ use embassy_stm32::pac::FLASH;
 /// Whether a panic restarts the program. A test program ends instead.
 static RESTARTS: AtomicBool = AtomicBool::new(cfg!(not(any(feature = "qemu", feature = "conformance"))));
 
+/// Whether a message was left. A panic while a panic is reported, or inside a log message, must not report again.
+static REPORTED: AtomicBool = AtomicBool::new(false);
+
 /// From here on a panic restarts the program, in QEMU too.
 pub fn restart_on_panic() {
     RESTARTS.store(true, Ordering::Relaxed);
@@ -28,8 +31,6 @@ fn stop() -> ! {
 fn panic(info: &core::panic::PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     super::bridges::hold_off();
-    // A panic while reporting a panic, or inside a log message, must not report again.
-    static REPORTED: AtomicBool = AtomicBool::new(false);
     if !REPORTED.swap(true, Ordering::Relaxed) {
         leave(info);
         defmt::error!("{}", defmt::Display2Format(info));
@@ -45,11 +46,15 @@ fn leave(info: &core::panic::PanicInfo) {
     }
 }
 
-/// An assertion of defmt, which has logged its message, ends the run too.
+/// An assertion of defmt, which has logged its text, ends the run too. The drivers' own panics are such assertions. The text is not
+/// available here, but without a message the next run would take the reset for a requested one, and would report no fault.
 #[defmt::panic_handler]
 fn defmt_panic() -> ! {
     cortex_m::interrupt::disable();
     super::bridges::hold_off();
+    if !REPORTED.swap(true, Ordering::Relaxed) {
+        super::retained::leave_panic(&"an assertion of a driver failed: its text is in the log");
+    }
     stop()
 }
 

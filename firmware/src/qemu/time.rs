@@ -74,6 +74,9 @@ impl SysTickTime {
         if reply.panic {
             panic!("the plant requests a panic");
         }
+        if reply.driver_panic {
+            defmt::panic!("the plant requests a panic of a driver");
+        }
         if reply.stack_overflow {
             use_up_the_stack(0);
         }

@@ -56,6 +56,8 @@ pub struct Injection {
     pub panic: bool,
     /// The program uses up its stack, once.
     pub stack_overflow: bool,
+    /// An assertion of a driver fails, once.
+    pub driver_panic: bool,
     /// The firmware gets no answer: time stands still.
     pub freeze: bool,
     /// It is over by itself after so many periods; by default it lasts until another one begins. An injection that must
@@ -124,6 +126,7 @@ pub(super) struct Electronics {
     brown_out: bool,
     panic: bool,
     stack_overflow: bool,
+    driver_panic: bool,
     /// Force codes of the last reply.
     force_codes: [i32; 2],
     /// The channels of force and potentiometers, with what fails of them.
@@ -155,6 +158,7 @@ impl Electronics {
             brown_out: false,
             panic: false,
             stack_overflow: false,
+            driver_panic: false,
             force_codes: [0; 2],
             force: Contacts::default(),
             potentiometers: Contacts::default(),
@@ -231,6 +235,7 @@ impl Electronics {
         self.brown_out = injection.brown_out;
         self.panic = injection.panic;
         self.stack_overflow = injection.stack_overflow;
+        self.driver_panic = injection.driver_panic;
         self.injection = injection;
         self.force = Contacts::new(injection.force_fails, period);
         self.potentiometers = Contacts::new(injection.potentiometers_fail, !period);
@@ -299,6 +304,7 @@ impl Electronics {
             brown_out: std::mem::take(&mut self.brown_out) || self.wiring.sags(),
             panic: std::mem::take(&mut self.panic),
             stack_overflow: std::mem::take(&mut self.stack_overflow),
+            driver_panic: std::mem::take(&mut self.driver_panic),
         }
     }
 

@@ -50,6 +50,7 @@ const NOTHING: Injection = Injection {
     brown_out: false,
     panic: false,
     stack_overflow: false,
+    driver_panic: false,
     freeze: false,
     for_periods: None,
 };

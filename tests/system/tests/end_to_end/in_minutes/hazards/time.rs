@@ -55,6 +55,15 @@ fn a_panic_restarts_and_is_reported() {
     assert!(panic.contains(".rs:") && panic.contains("the plant requests a panic"), "{panic}");
 }
 
+/// Drivers panic through the log, which has their text; the device reports that one of them did.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_panic_of_a_driver_restarts_and_is_reported() {
+    let hello = restarts(Injection { driver_panic: true, ..NOTHING }, 1..=2);
+    assert_eq!(hello.reset_reason, ResetReason::Software);
+    assert_eq!(hello.last_panic.as_deref(), Some("an assertion of a driver failed: its text is in the log"));
+}
+
 /// The guard below the stack is hit before a variable is overwritten: the panic's text, which lies below it, arrives whole.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
