@@ -16,7 +16,7 @@ const READINGS_FOR_CODES: u32 = 100;
 /// Result of a tare along one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TareAxis {
-    /// The new zero, relative to the converter's own zero, newtons.
+    /// The new zero, relative to the calibration's zero, newtons.
     pub zero_n: f64,
     /// Its standard error, newtons; nothing without readings.
     pub zero_standard_error_n: Option<f64>,

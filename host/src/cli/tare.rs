@@ -73,7 +73,7 @@ impl Display for Tared {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "zero       x {:+.4} N   y {:+.4} N (from the converter's own zero)",
+            "zero       x {:+.4} N   y {:+.4} N (from the calibration's zero)",
             self.zero_x_n, self.zero_y_n
         )?;
         writeln!(

@@ -188,7 +188,7 @@ pub fn explain_refusal(refusal: Refusal) -> String {
             "it has restarted since the hello, or other programs have connected since; connect again".to_owned()
         }
         Refusal::Faulted { fault } => explain_latched(fault),
-        Refusal::Busy => "a motion program waits or runs; `guide stop` ends it".to_owned(),
+        Refusal::Busy => "a motion program, a retreat or a pulse waits or runs, which `guide stop` ends, or the device is about to restart".to_owned(),
         Refusal::OutOfTravel => {
             "the target lies beyond the travel of the guide; a retreat leads towards the middle of the travel, and without a force \
              reading only where the axis has moved before"
@@ -316,13 +316,13 @@ fn explain_tare(problem: Option<TareProblem>, [x_n, y_n]: [f64; 2]) -> String {
 }
 
 /// Why there is nowhere to retreat to.
-pub const AT_THE_MIDDLE: &str = "the guide is at the middle of its travel and the load remains: open the needle's clamp, or see `guide limits`";
+pub const AT_THE_MIDDLE: &str = "the guide is at the middle of its travel: if the load remains, open the needle's clamp, or see `guide limits`";
 
 /// The end of a retreat in words.
 pub fn explain_retreat(outcome: RetreatOutcome) -> &'static str {
     match outcome {
         RetreatOutcome::Unloaded => "unloaded: `guide clear` clears the fault",
-        RetreatOutcome::Moved => "moved; the load remains: retreat again",
+        RetreatOutcome::Moved => "moved; retreat again if the load remains",
         RetreatOutcome::ForceNotFalling => {
             "the force does not fall towards the middle of the travel: open the needle's clamp, or see `guide limits`"
         }
