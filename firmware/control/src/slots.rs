@@ -119,6 +119,28 @@ pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> SlotChoice {
     SlotChoice { calibration: Calibration::default(), origin, next }
 }
 
+/// The slots where they are kept.
+pub trait StoredSlots {
+    /// Contents of the slots.
+    fn contents(&mut self) -> [[u8; STORED_BYTES]; SLOTS];
+    /// Replaces the content of a slot, which may fail.
+    fn replace(&mut self, slot: usize, stored: &[u8; STORED_BYTES]);
+}
+
+/// Stores a record, and chooses the calibration from then on. Where both slots were damaged, the record replaces both, one after
+/// the other, because a damaged one beside it would still count as a loss. No slot is replaced that is valid and in use.
+pub fn store(slots: &mut impl StoredSlots, record: &CalibrationRecord) -> SlotChoice {
+    let mut choice = choose(&slots.contents());
+    for _ in 0..SLOTS {
+        slots.replace(choice.next.slot, &to_stored(record, choice.next.sequence));
+        choice = choose(&slots.contents());
+        if choice.origin != Origin::Earlier {
+            break;
+        }
+    }
+    choice
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -145,6 +167,45 @@ mod tests {
             slots[next.slot] = to_stored(&named("unit-8"), next.sequence);
             assert_eq!(id(&slots), ("unit-8".into(), Origin::Stored), "slot {slot}");
         }
+    }
+
+    /// Slots in memory, of which some cannot be written.
+    struct InMemory {
+        slots: [[u8; STORED_BYTES]; SLOTS],
+        fails: [bool; SLOTS],
+    }
+
+    impl StoredSlots for InMemory {
+        fn contents(&mut self) -> [[u8; STORED_BYTES]; SLOTS] {
+            self.slots
+        }
+
+        fn replace(&mut self, slot: usize, stored: &[u8; STORED_BYTES]) {
+            self.slots[slot] = if self.fails[slot] { [0x5A; STORED_BYTES] } else { *stored };
+        }
+    }
+
+    #[test]
+    fn a_record_stored_after_the_loss_of_both_slots_ends_the_loss() {
+        let (damaged, erased) = ([0x5A; STORED_BYTES], [ERASED; STORED_BYTES]);
+        let valid = to_stored(&named("unit-7"), 3);
+        for slots in [
+            [damaged; 2],
+            [damaged, erased],
+            [erased, damaged],
+            [damaged, valid],
+            [valid, damaged],
+            [erased; 2],
+        ] {
+            let mut stored = InMemory { slots, fails: [false; SLOTS] };
+            let choice = store(&mut stored, &named("unit-8"));
+            assert_eq!((choice.calibration.record().id.as_str(), choice.origin), ("unit-8", Origin::Stored));
+            assert_eq!(id(&stored.slots), ("unit-8".into(), Origin::Stored));
+        }
+        // A slot that cannot be written any more takes no valid one with it.
+        let mut stored = InMemory { slots: [valid, erased], fails: [false, true] };
+        let choice = store(&mut stored, &named("unit-8"));
+        assert_eq!((choice.calibration.record().id.as_str(), choice.origin), ("unit-7", Origin::Earlier));
     }
 
     #[test]

@@ -27,7 +27,7 @@ pub use store::{STORE_BYTES, Store, StoreError};
 
 use control::Origin;
 use control::calibration::Calibration;
-use control::slots::{self, SLOTS, STORED_BYTES, SlotChoice, to_stored};
+use control::slots::{self, SLOTS, STORED_BYTES, StoredSlots};
 use control::starts;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
@@ -143,14 +143,11 @@ fn count_start(store: &mut Store) -> u32 {
 /// Stores a new calibration, if there is one, and reads the stored one. Without a valid record the constants are those of the
 /// rig as designed, which the hello reports.
 fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibration, Origin) {
-    let mut choice = choose(&mut store);
-    if let Some(record) = to_store {
-        // The record goes into the page that is not in use, so that a power cut at any time leaves one record intact.
-        if let Err(error) = store.write(choice.next.slot, &to_stored(&record, choice.next.sequence)) {
-            defmt::error!("the calibration was not stored: {}", error);
-        }
-        choice = choose(&mut store);
-    }
+    // A new record goes into the page that is not in use, so that a power cut at any time leaves one record intact.
+    let choice = match to_store {
+        Some(record) => slots::store(&mut store, &record),
+        None => slots::choose(&store.contents()),
+    };
     match choice.origin {
         Origin::Stored => {}
         Origin::Earlier => defmt::error!("a calibration beside the one that is used cannot be read any more"),
@@ -162,10 +159,18 @@ fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibr
     (choice.calibration, choice.origin)
 }
 
-fn choose(store: &mut Store) -> SlotChoice {
-    let mut stored = [[0; STORED_BYTES]; SLOTS];
-    for (slot, stored) in stored.iter_mut().enumerate() {
-        store.read(slot, stored);
+impl StoredSlots for Store {
+    fn contents(&mut self) -> [[u8; STORED_BYTES]; SLOTS] {
+        let mut stored = [[0; STORED_BYTES]; SLOTS];
+        for (slot, stored) in stored.iter_mut().enumerate() {
+            self.read(slot, stored);
+        }
+        stored
     }
-    slots::choose(&stored)
+
+    fn replace(&mut self, slot: usize, stored: &[u8; STORED_BYTES]) {
+        if let Err(error) = self.write(slot, stored) {
+            defmt::error!("the calibration was not stored: {}", error);
+        }
+    }
 }
