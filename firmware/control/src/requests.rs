@@ -33,13 +33,13 @@ impl Controller {
                     request => self.execute(&request, inputs.now_us, causes, notes),
                 };
                 self.conversation.remember(command, answer);
+                if answer.is_ok() {
+                    self.heard(command, inputs.now_us);
+                }
                 answer
             }
         };
         self.restarting |= store.is_some();
-        if answer.is_ok() {
-            self.heard(command, inputs.now_us);
-        }
         // A query is answered again each time it arrives, because the earlier answer may have been lost.
         match command.request {
             Request::Hello => {
@@ -64,13 +64,14 @@ impl Controller {
         store
     }
 
-    /// Notes a keepalive: an accepted command of the connection that started the motion. Refused commands, and those of other
-    /// connections, do not show that the program which started it still runs.
+    /// Notes a keepalive: a new accepted command of the connection that started the motion. Refused commands, and those of other
+    /// connections, do not show that the program which started it still runs. Nor does a frame that arrives again, which the line
+    /// may have repeated: a hello is accepted each time it arrives, so that it is no keepalive at all.
     fn heard(&mut self, command: &Command, now_us: u64) {
         if matches!(command.request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
             self.mover = command.connection;
         }
-        if command.connection == self.mover {
+        if command.connection == self.mover && command.request != Request::Hello {
             self.last_command_us = now_us;
         }
     }

@@ -85,7 +85,7 @@ impl FakeDevice {
         self.executed.lock().expect("the device runs").clone()
     }
 
-    /// Number of requests of the status.
+    /// Number of requests of the status, without repeated frames.
     pub fn questions(&self) -> usize {
         self.questions.load(Ordering::Acquire)
     }
@@ -158,7 +158,11 @@ impl Device {
     }
 
     fn handle_command(&mut self, command: &Command, far: &mut dyn Line) {
-        self.last_command_us = self.t_us;
+        // A repeated frame and a hello are no keepalives, as with the firmware.
+        let is_repeated = self.answered.as_ref().is_some_and(|(id, _)| *id == command.id);
+        if !is_repeated && command.request != Request::Hello {
+            self.last_command_us = self.t_us;
+        }
         std::thread::sleep(Duration::from_millis(std::mem::take(&mut self.script.first_answer_after_ms)));
         match command.request {
             Request::Hello => {
@@ -171,7 +175,7 @@ impl Device {
                 return self.send(far, Message::Ack { id: command.id });
             }
             Request::Status => {
-                self.questions.fetch_add(1, Ordering::AcqRel);
+                self.questions.fetch_add(usize::from(!is_repeated), Ordering::AcqRel);
                 let status = Status { t_us: self.t_us, state: self.state, fault: self.fault, ..status() };
                 let [force_limit_mn, silence_limit_ms] = self.limits;
                 let status = Status { force_limit_mn, silence_limit_ms, ..status };
@@ -326,6 +330,7 @@ impl Device {
                 (self.boot_id, self.sequence) = (self.boot_id + 1, 0);
                 self.event(far, EventKind::StepStarted { index: 0 });
             }
+            Act::LoseAnswers(count) => self.script.lost_answers = count,
             Act::ClockBack(ms) => self.t_us = self.t_us.saturating_sub(1_000 * ms),
             Act::Saturated(is_saturated) => self.is_saturated = is_saturated,
             Act::Vanish => {}

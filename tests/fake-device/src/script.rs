@@ -23,6 +23,8 @@ pub enum Act {
     Fail(Fault),
     /// The device restarts, which its next event shows.
     Restart,
+    /// From here on so many answers get lost.
+    LoseAnswers(usize),
     /// Its clock steps back by so many milliseconds.
     ClockBack(u64),
     /// From here on samples repeat the force, or no longer.

@@ -279,6 +279,45 @@ fn a_restart_is_acknowledged_before_anything_moves() {
     bench.periods(u32::from(crate::axis::STILL_PERIODS));
     bench.command(Request::ClearFault).expect("acknowledged");
     bench.run(&[Step::Hold { duration_ms: 10 }]);
+/// A line or a program in between that sends the host's last frames again: each is answered as before, and shows no host.
+#[test]
+fn repeated_frames_keep_no_program_alive() {
+    let mut bench = Bench::new();
+    bench.request_periods = 0;
+    let hello = Command { id: 0, connection: bench.connection, request: Request::Hello };
+    bench.run(&[Step::Hold { duration_ms: 6_000 }]);
+    let status = Command { id: bench.next_id, connection: bench.connection, request: Request::Status };
+    bench.next_id += 1;
+    bench.answer(status).expect("a new command");
+    let mut repeats = 0;
+    while bench.controller.interlock.latched().is_none() {
+        bench.periods(698);
+        for frame in [status, hello] {
+            bench.answer(frame).expect("a repeated frame is answered as before");
+        }
+        repeats += 1;
+        assert!(repeats < 5, "still alive");
+    }
+    assert_eq!((repeats, bench.controller.interlock.latched()), (3, Some(Fault::HostSilent)));
+}
+
+/// The start of an earlier program of another host arrives again: that host has not started the program that runs.
+#[test]
+fn a_repeated_start_of_another_connection_takes_no_program_over() {
+    let mut bench = Bench::new();
+    let hold = |duration_ms| [Step::Hold { duration_ms }];
+    bench.run(&hold(100));
+    let start = Request::Run { steps: 1, crc: program_crc(&hold(100)), start_us: 0 };
+    let repeated = Command { id: bench.next_id - 1, connection: bench.connection, request: start };
+    assert_eq!(bench.finish(), Outcome::Completed);
+    bench.connection = bench.controller.conversation.begin();
+    bench.run(&hold(6_000));
+    bench.answer(repeated).expect("the answer of before");
+    // The host of the program goes on with its requests of the status.
+    bench.periods(5_000);
+    assert_eq!(bench.controller.interlock.latched(), None);
+}
+
 }
 
 #[test]

@@ -22,8 +22,6 @@ pub struct Client {
     /// Token of the connection, which every command carries.
     connection: u32,
     next_id: u16,
-    /// Id of a status request whose answer is not waited for: [`Self::request_status`].
-    open_request: Option<u16>,
     hello: Hello,
     /// Number of the last frame of the greeting: what comes next follows it.
     hello_sequence: u32,
@@ -72,7 +70,6 @@ impl Client {
                             connection,
                             // An answer to a hello that is still on its way is no answer to the next request.
                             next_id: tries.max(1) as u16,
-                            open_request: None,
                             hello: hello.clone(),
                             hello_sequence: frame.sequence,
                             sequence: frame.sequence,
@@ -201,17 +198,13 @@ impl Client {
         LinkError::AnswerMissing { port: self.wire.name().to_owned(), command, tries: REQUESTS }
     }
 
-    /// Requests the status without waiting; the answer arrives among the unsolicited messages. The request is also a keepalive.
-    /// An unanswered request is sent again.
+    /// Requests the status without waiting; the answer arrives among the unsolicited messages. The request is also a keepalive, under an
+    /// id of its own each time: the device takes a repeated frame for one that the line repeats.
     ///
     /// # Errors
     /// [`LinkError::Gone`].
     pub fn request_status(&mut self) -> Result<(), LinkError> {
-        let id = match self.open_request {
-            Some(id) => id,
-            None => self.take_id()?,
-        };
-        self.open_request = Some(id);
+        let id = self.take_id()?;
         self.wire.send(&Command { id, connection: self.connection, request: Request::Status })
     }
 
@@ -267,24 +260,31 @@ impl Client {
 
     /// Sends a command until it is answered; a status or a calibration that comes directly before the answer is returned with it. A
     /// status further before was unsolicited, and may be from before the request.
+    ///
+    /// What changes something is sent again as the same frame, so that the device carries it out once. A query changes nothing, and is
+    /// sent again under an id of its own: a keepalive then needs to arrive, and not its answer.
     fn exchange(&mut self, request: Request) -> Result<Option<Message>, LinkError> {
-        let id = self.take_id()?;
-        // Its answer may still come; it is not requested again under its old number.
-        self.open_request = None;
-        let command = Command { id, connection: self.connection, request };
+        let mut id = self.take_id()?;
+        // A late answer to an earlier frame of the same query is an answer.
+        let mut first_id = id;
         let mut last = None;
-        for _ in 0..TRIES {
-            self.wire.send(&command)?;
+        for attempt in 0..TRIES {
+            if attempt > 0 && is_query(&request) {
+                id = self.take_id()?;
+                // Ids begin again with another connection.
+                first_id = first_id.min(id);
+            }
+            self.wire.send(&Command { id, connection: self.connection, request })?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(remaining) = deadline.checked_duration_since(Instant::now()) {
                 match self.receive(remaining)? {
-                    Some(Message::Ack { id: answered }) if answered == id => {
+                    Some(Message::Ack { id: answered }) if (first_id..=id).contains(&answered) => {
                         let previous = self.sequence.wrapping_sub(1);
                         return Ok(
                             last.and_then(|(sequence, answer)| (sequence == previous).then_some(answer))
                         );
                     }
-                    Some(Message::Refused { id: answered, refusal }) if answered == id => {
+                    Some(Message::Refused { id: answered, refusal }) if (first_id..=id).contains(&answered) => {
                         return Err(LinkError::Refused { command: request_name(&request), refusal });
                     }
                     Some(
@@ -324,7 +324,7 @@ impl Client {
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(remaining) = deadline.checked_duration_since(Instant::now()) {
                 if let Some(Message::Connected { connection }) = self.receive(remaining)? {
-                    (self.connection, self.next_id, self.open_request) = (connection, 0, None);
+                    (self.connection, self.next_id) = (connection, 0);
                     return Ok(());
                 }
             }
@@ -363,16 +363,14 @@ impl Client {
                 self.inbox.push_back(Telemetry::Status(Box::new(status)));
                 Ok(Some(Message::Status(status)))
             }
-            answer => {
-                if let Message::Ack { id } | Message::Refused { id, .. } = answer
-                    && self.open_request == Some(id)
-                {
-                    self.open_request = None;
-                }
-                Ok(Some(answer))
-            }
+            answer => Ok(Some(answer)),
         }
     }
+}
+
+/// Whether a request only has something sent.
+fn is_query(request: &Request) -> bool {
+    matches!(request, Request::Status | Request::Calibration | Request::Safety | Request::Describe)
 }
 
 fn check_protocol(port: &str, hello: &Hello) -> Result<(), LinkError> {

@@ -278,6 +278,27 @@ fn a_device_with_a_fast_clock_receives_commands_in_time() {
     assert!(device.questions() >= 6, "{}", device.questions());
 }
 
+/// Every answer gets lost while the program runs, and every request arrives: the device takes only new frames for signs of life.
+#[test]
+fn a_line_that_loses_all_answers_carries_new_keepalives_all_the_same() {
+    let mut program = vec![Act::Batch(32), Act::LoseAnswers(usize::MAX)];
+    program.extend([[Act::Batch(32), Act::Wait(3)]; 200].concat());
+    program.extend([Act::LoseAnswers(0), Act::Complete]);
+    let device = FakeDevice::start(Script { program, is_patient: true, ..Script::default() });
+    let mut client = Client::connect(&device.port).expect("connects");
+    let (_, ended) = run_program(&mut client);
+    ended.expect("completes");
+    assert!(device.questions() >= 6, "{}", device.questions());
+}
+
+#[test]
+fn a_status_whose_answers_are_lost_is_requested_by_new_frames() {
+    let device = FakeDevice::start(Script { lost_answers: 2, ..Script::default() });
+    let mut client = Client::connect(&device.port).expect("connects");
+    client.status().expect("answers at the third request");
+    assert_eq!(device.questions(), 3);
+}
+
 #[test]
 fn a_silent_device_receives_commands_all_the_same() {
     let (device, mut client) = with_program(&[Act::Wait(900), Act::Complete]);
