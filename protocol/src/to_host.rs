@@ -376,9 +376,9 @@ pub const TARE_CHANGE_PERCENT: u32 = 1;
 pub enum RetreatOutcome {
     /// The cause of the fault is gone, with a margin.
     Unloaded,
-    /// The guide has moved by the requested distance or to the middle of the travel; the cause may remain.
+    /// The guide has moved by the requested distance, or to the middle of the travel or past it; the cause may remain.
     Moved,
-    /// The force rose or did not fall, or the guide has coasted past the middle of the travel.
+    /// The force rose or did not fall.
     ForceNotFalling,
     /// Another cause to stop appeared, `Stop` came, or the guide did not come to rest or reach its target in time.
     Stopped,

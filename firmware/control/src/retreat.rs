@@ -212,8 +212,8 @@ impl Controller {
                     self.executor.retreat(from_um, to_um, now_us);
                     Ok(())
                 }
-                // A coasting axis may have passed the middle.
-                Err(_) => Err(RetreatOutcome::ForceNotFalling),
+                // A coasting axis has passed the middle, to which the retreat was to lead.
+                Err(_) => Err(RetreatOutcome::Moved),
             },
         };
         if let Err(outcome) = outcome {

@@ -112,6 +112,29 @@ fn a_retreat_moves_once_the_guide_is_at_rest() {
     assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Unloaded), "the load falls");
 }
 
+/// The load may still be there, and may fall in a retreat that leads back: nothing shows that it does not.
+#[test]
+fn a_guide_that_coasts_past_the_middle_before_a_retreat_has_moved() {
+    let mut bench = at_home();
+    bench.stiffness_n_per_um = 1e-6;
+    assert_eq!(ended(&mut bench, &[to_y(200)]), Outcome::Completed);
+    bench.push_n = [0.0, 4.5];
+    bench.periods(100);
+    assert_eq!(bench.controller.interlock.latched(), Some(Fault::ForceLimit));
+    bench.notes.clear();
+    bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }).expect("towards the middle");
+    bench.runaway = Some(-0.2);
+    bench.periods(75);
+    bench.runaway = None;
+    assert!(bench.position_um[1] < -50.0, "{:?}", bench.position_um);
+    bench.periods(500);
+    let outcomes = bench.notes.iter().filter_map(|note| match note {
+        OutboundMessage::Event(Event { kind: EventKind::RetreatEnded { outcome }, .. }) => Some(*outcome),
+        _ => None,
+    });
+    assert_eq!(outcomes.collect::<std::vec::Vec<_>>(), [RetreatOutcome::Moved]);
+}
+
 #[test]
 fn a_guide_that_does_not_come_to_rest_is_not_driven_by_a_retreat() {
     let mut bench = at_home();
