@@ -219,9 +219,10 @@ impl Fault {
         Self::ALL.get(usize::from(number)).copied()
     }
 
-    /// Whether `Request::Retreat` can remove the cause of this fault.
+    /// Whether `Request::Retreat` can remove the cause of this fault. That of `Travel` ends by itself: it exists while an axis beyond
+    /// the travel is driven or moves further out, and a retreat starts at rest.
     pub const fn allows_retreat(self) -> bool {
-        matches!(self, Self::ForceRange | Self::ForceLimit | Self::Travel)
+        matches!(self, Self::ForceRange | Self::ForceLimit)
     }
 
     /// Whether a wrong calibration can cause this fault, so that storing another one can remove the cause.

@@ -135,6 +135,27 @@ fn a_guide_that_coasts_past_the_middle_before_a_retreat_has_moved() {
     assert_eq!(outcomes.collect::<std::vec::Vec<_>>(), [RetreatOutcome::Moved]);
 }
 
+/// A bridge that is shorted drives the guide out of its travel: no motion that is requested ends that. A load beside it is removed by a
+/// retreat once the guide is at rest.
+#[test]
+fn no_retreat_answers_a_motion_out_of_the_travel() {
+    let mut bench = at_home();
+    bench.stiffness_n_per_um = 1e-6;
+    assert_eq!(ended(&mut bench, &[to_y(9_900)]), Outcome::Completed);
+    bench.runaway = Some(1.0);
+    while bench.controller.interlock.latched().is_none() {
+        bench.periods(1);
+    }
+    assert_eq!(bench.controller.interlock.latched(), Some(Fault::Travel));
+    assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }), Err(Refusal::NotUnderLoad));
+    bench.push_n = [0.0, 4.5];
+    bench.periods(10);
+    assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }), Err(Refusal::NotUnderLoad));
+    bench.runaway = None;
+    bench.periods(AT_REST);
+    bench.command(Request::Retreat { x_um: 0, y_um: -1_000 }).expect("the load is the only cause to stop");
+}
+
 #[test]
 fn a_guide_that_does_not_come_to_rest_is_not_driven_by_a_retreat() {
     let mut bench = at_home();
