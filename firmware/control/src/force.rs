@@ -143,6 +143,11 @@ impl ForceChannel {
         self.doubtful.count()
     }
 
+    /// Number of missing or repeated readings among the latest [`super::limits::LATEST_READINGS`].
+    pub fn latest_doubtful(&self) -> u32 {
+        self.doubtful.latest_count()
+    }
+
     /// Errors of readings since start.
     pub fn counters(&self) -> &Counters {
         &self.counters

@@ -16,7 +16,7 @@
 //! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel, and the axis is driven or moves further out | 2 readings | `a_runaway_axis_leaves_its_travel`, `a_ramp_to_the_end_of_the_travel_rests_within_it` |
 //! | 7 | `Stall` | jam: motor and needle are overloaded | no motion for 200 ms at a duty that moves every unit | 200 periods of drive | `a_jammed_axis_stalls` |
 //! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods beyond it | `a_weak_motor_falls_behind` |
-//! | 9 | `ForceStuck` | the converter repeats itself, or a channel is dead or drops to one value: force cannot be limited | a code equals one of the four before it, except for the last bit | 8 readings of 32 | `the_force_converter_is_stuck`, `the_force_converter_is_stuck_but_for_its_last_bit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
+//! | 9 | `ForceStuck` | the converter repeats itself, or a channel is dead or drops to one value: force cannot be limited | a code equals one of the four before it, except for the last bit | 8 readings of 10, or 12 of 32 | `the_force_converter_is_stuck`, `the_force_converter_is_stuck_but_for_its_last_bit`, `a_force_channel_that_drops_to_zero_now_and_then_hides_no_load` |
 //! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no accepted command of the connection that started the motion for the time that is set | that time | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
 //! | 11 | `Restarted` | a task hung; a panic; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `converters_that_stay_slow_or_hang_leave_a_device_that_answers`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_reported`, `a_panic_of_a_driver_restarts_and_is_reported`, `a_stack_that_overflows_restarts_and_is_reported` |
 //! | 12 | `Overrun` | the control task is starved, and the loop is not closed in time | a period began more than half a period late, twice in 16 periods of a motion | 2 late periods | `a_slow_converter_makes_control_late`, `converters_that_stay_slow_or_hang_leave_a_device_that_answers` |
@@ -38,7 +38,8 @@
 
 use super::force::ForceChannel;
 use super::limits::{
-    DOUBTFUL_READINGS, EVIDENCE_READINGS, FORCE_READINGS, JUMP_UM, LatestTwo, WINDOW_READINGS,
+    DOUBTFUL_READINGS, EVIDENCE_READINGS, FORCE_READINGS, FREQUENT_READINGS, JUMP_UM, LatestTwo,
+    WINDOW_READINGS,
 };
 use super::motor::{DriveWatch, DutyBudget};
 use super::mutation::Mutation;
@@ -275,7 +276,10 @@ impl Interlock {
                 .any(|watch| u32::from(watch.following_error_periods()) >= EVIDENCE_READINGS),
             Fault::FollowingError,
         );
-        let doubtful = force.doubtful() >= DOUBTFUL_READINGS;
+        let many_missing = force.missing() >= DOUBTFUL_READINGS && !Mutation::FalseReadings.is_out();
+        let doubtful = many_missing
+            || force.latest_doubtful() >= DOUBTFUL_READINGS
+            || force.doubtful() >= FREQUENT_READINGS;
         let is_missing = force.missing() >= DOUBTFUL_READINGS / 2;
         causes.add(doubtful && is_missing || contradicted, Fault::ForceSensor);
         causes.add(doubtful && !is_missing, Fault::ForceStuck);

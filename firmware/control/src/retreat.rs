@@ -328,8 +328,8 @@ mod tests {
                 for period in 0..40 * u32::from(BLOCK_PERIODS) {
                     let hum = 2_000.0 * libm::sinf(core::f32::consts::TAU * hertz * period as f32 * 1e-3);
                     let counts = 80_000.0 - fall * period as f32 + hum + 400.0 * noise();
-                    // 50 uN a count, 0.93 uN a code.
-                    force.update(&calibration, &Ok([0, (counts * 53.687) as i32]));
+                    // 50 uN a count, 1.118 uN a code.
+                    force.update(&calibration, &Ok([0, (counts * 44.739) as i32]));
                     let Some(mean) = meter.step(&force) else { continue };
                     blocks += 1;
                     let mean = mean.expect("every period has a reading");

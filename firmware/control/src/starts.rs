@@ -138,7 +138,11 @@ mod tests {
         for start in 1..=1_000 {
             let next = next(&pages);
             assert_eq!(next.count, last + start);
-            assert_eq!(first_token(7, next.count), first_token(7, start - 1), "the tokens of 2^20 starts before");
+            assert_eq!(
+                first_token(7, next.count),
+                first_token(7, start - 1),
+                "the tokens of 2^20 starts before"
+            );
             erasures += u32::from(next.erases);
             write(&mut pages, next, None);
         }

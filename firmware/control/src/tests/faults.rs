@@ -132,6 +132,36 @@ fn a_force_sensor_that_repeats_itself() {
     clears_only_without(&mut bench, |bench| bench.force_stuck = false);
 }
 
+/// Reads forces that all differ, except that the first axis repeats its force in each reading for which `repeats` holds, or that the
+/// reading is missing there. The fault that follows in a second.
+fn fault_of(repeats: impl Fn(u32) -> bool, misses: bool) -> Option<Fault> {
+    let mut bench = Bench::new();
+    (bench.position_um, bench.noise_n) = ([0.0; 2], 0.0);
+    let mut force_mn = 0;
+    for period in 0..1_000 {
+        let fails = repeats(period);
+        bench.force_fault = (fails && misses).then_some(ForceFault::NotReady);
+        if !fails {
+            force_mn = (force_mn + 1) % 50;
+        }
+        bench.push_n = [1e-3 * force_mn as f32, 1e-3 * (period % 50) as f32];
+        bench.period(None);
+    }
+    bench.controller.interlock.latched()
+}
+
+/// Readings that repeat by chance, some of them close together, are no fault. A channel that fails in every second reading is.
+#[test]
+fn a_channel_is_stuck_where_it_repeats_more_often_than_noise_does() {
+    assert_eq!(fault_of(|period| period % 4 == 0, false), None, "8 of 32");
+    assert_eq!(fault_of(|period| period % 32 < 7, false), None, "7 in a row, 7 of 32");
+    assert_eq!(fault_of(|period| period % 32 < 8, false), Some(Fault::ForceStuck), "8 in a row");
+    assert_eq!(fault_of(|period| period % 2 == 0, false), Some(Fault::ForceStuck), "16 of 32");
+    assert_eq!(fault_of(|period| period % 8 < 3, false), Some(Fault::ForceStuck), "12 of 32");
+    assert_eq!(fault_of(|period| period % 4 == 0, true), Some(Fault::ForceSensor), "8 of 32 missing");
+    assert_eq!(fault_of(|period| period % 5 == 0, true), None, "6 or 7 of 32 missing");
+}
+
 #[test]
 fn a_potentiometer_off_its_track() {
     for codes in [[2_048, 4_095], [0, 2_048]] {
@@ -249,36 +279,6 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     assert_eq!([refused, other_keeps_alive, hello, its_own], [silent, silent, silent, None]);
 }
 
-#[test]
-fn late_periods_end_a_program_and_are_only_counted_at_rest() {
-    let mut bench = Bench::new();
-    bench.late_us = 600;
-    assert_eq!(bench.periods(10).state, State::Idle);
-    bench.late_us = 0;
-    bench.periods(20);
-    bench.run(&[Step::Hold { duration_ms: 60_000 }]);
-    bench.late_us = 600;
-    assert_eq!(bench.periods(1).state, State::Holding);
-    bench.late_us = 0;
-    assert_eq!(bench.periods(100).state, State::Holding, "one late period is no fault");
-    bench.late_us = 600;
-    assert_eq!(periods_to(&mut bench, Fault::Overrun, 10), 2);
-    assert!(bench.controller.control_overruns > 12);
-}
-
-#[test]
-fn a_restart_is_acknowledged_before_anything_moves() {
-    let mut bench = Bench::new();
-    let start = Start { restarted: true, ..Start::ordinary(BOOT) };
-    (bench.controller, bench.connection) = connected(Calibration::default(), start);
-    assert_eq!(bench.periods(1).state, State::Faulted);
-    let run = Request::Run { steps: 1, crc: 0, start_us: 0 };
-    assert_eq!(bench.command(run), Err(Refusal::Faulted { fault: Fault::Restarted }));
-    // The run before the restart may have been moving the guide.
-    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains), "the guide may still coast");
-    bench.periods(u32::from(crate::axis::STILL_PERIODS));
-    bench.command(Request::ClearFault).expect("acknowledged");
-    bench.run(&[Step::Hold { duration_ms: 10 }]);
 /// A line or a program in between that sends the host's last frames again: each is answered as before, and shows no host.
 #[test]
 fn repeated_frames_keep_no_program_alive() {
@@ -318,6 +318,36 @@ fn a_repeated_start_of_another_connection_takes_no_program_over() {
     assert_eq!(bench.controller.interlock.latched(), None);
 }
 
+#[test]
+fn late_periods_end_a_program_and_are_only_counted_at_rest() {
+    let mut bench = Bench::new();
+    bench.late_us = 600;
+    assert_eq!(bench.periods(10).state, State::Idle);
+    bench.late_us = 0;
+    bench.periods(20);
+    bench.run(&[Step::Hold { duration_ms: 60_000 }]);
+    bench.late_us = 600;
+    assert_eq!(bench.periods(1).state, State::Holding);
+    bench.late_us = 0;
+    assert_eq!(bench.periods(100).state, State::Holding, "one late period is no fault");
+    bench.late_us = 600;
+    assert_eq!(periods_to(&mut bench, Fault::Overrun, 10), 2);
+    assert!(bench.controller.control_overruns > 12);
+}
+
+#[test]
+fn a_restart_is_acknowledged_before_anything_moves() {
+    let mut bench = Bench::new();
+    let start = Start { restarted: true, ..Start::ordinary(BOOT) };
+    (bench.controller, bench.connection) = connected(Calibration::default(), start);
+    assert_eq!(bench.periods(1).state, State::Faulted);
+    let run = Request::Run { steps: 1, crc: 0, start_us: 0 };
+    assert_eq!(bench.command(run), Err(Refusal::Faulted { fault: Fault::Restarted }));
+    // The run before the restart may have been moving the guide.
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains), "the guide may still coast");
+    bench.periods(u32::from(crate::axis::STILL_PERIODS));
+    bench.command(Request::ClearFault).expect("acknowledged");
+    bench.run(&[Step::Hold { duration_ms: 10 }]);
 }
 
 #[test]
