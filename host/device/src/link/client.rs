@@ -284,7 +284,9 @@ impl Client {
                             last.and_then(|(sequence, answer)| (sequence == previous).then_some(answer))
                         );
                     }
-                    Some(Message::Refused { id: answered, refusal }) if (first_id..=id).contains(&answered) => {
+                    Some(Message::Refused { id: answered, refusal })
+                        if (first_id..=id).contains(&answered) =>
+                    {
                         return Err(LinkError::Refused { command: request_name(&request), refusal });
                     }
                     Some(
