@@ -127,7 +127,7 @@ fn scans(bench: &Bench<'_>, first: usize, columns: &mut [DMatrix<f64>]) -> Vec<S
 }
 
 /// Smallest and largest value of each bin of a coordinate: one bin per distinct value if there are at most `bins` of them, else bins of
-/// equal counts.
+/// about equal counts. A value that repeats across a quantile has one bin, so that there may be fewer.
 pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
     let mut sorted: Vec<f64> = values.iter().flatten().copied().collect();
     sorted.sort_by(f64::total_cmp);
@@ -143,9 +143,11 @@ pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
     if distinct.len() <= bins {
         return distinct;
     }
-    let quantiles: Vec<f64> =
-        (0..=bins).map(|i| sorted[(i * sorted.len() / bins).min(sorted.len() - 1)]).collect();
-    quantiles.windows(2).map(|ends| [ends[0], ends[1]]).collect()
+    let mut starts: Vec<f64> = (0..bins).map(|i| sorted[i * sorted.len() / bins]).collect();
+    starts.dedup();
+    let first_indices = starts.iter().map(|start| sorted.partition_point(|value| value < start));
+    let ends = first_indices.skip(1).map(|next| sorted[next - 1]).chain([*last]);
+    starts.iter().zip(ends).map(|(start, end)| [*start, end]).collect()
 }
 
 /// The bin of a value.
@@ -176,4 +178,28 @@ pub fn best_interval(
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every bin's ends are its smallest and its largest value, also where a value repeats across a quantile.
+    #[test]
+    fn the_ends_of_a_bin_are_values_in_it() {
+        let uniform: Vec<f64> = (0..100).map(f64::from).collect();
+        let repeated: Vec<f64> = (0..100).map(|i| if i < 60 { 0.0 } else { f64::from(i) }).collect();
+        for values in [uniform, repeated] {
+            let some: Vec<Option<f64>> = values.iter().copied().map(Some).collect();
+            let edges = edges(&some, BINS);
+            assert!((2..=BINS).contains(&edges.len()), "{edges:?}");
+            for (bin, ends) in edges.iter().enumerate() {
+                let own: Vec<f64> =
+                    values.iter().copied().filter(|value| bin_of(&edges, *value) == bin).collect();
+                let [least, most] =
+                    [own.iter().copied().reduce(f64::min), own.iter().copied().reduce(f64::max)];
+                assert_eq!(least.zip(most), Some((ends[0], ends[1])), "{bin} of {edges:?}");
+            }
+        }
+    }
 }
