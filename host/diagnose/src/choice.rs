@@ -37,8 +37,7 @@ pub(super) struct Choice {
 #[derive(Debug, Clone)]
 pub(super) struct Beside {
     pub fitted: Fitted,
-    /// Logarithm of its odds over the chosen model. Models that would outweigh the chosen one but were refused have even odds
-    /// together.
+    /// Logarithm of its odds over the chosen model. Models that are not possible have even odds together at most.
     pub ln_odds: f64,
     /// Whether it is possible: its search has not refused it, and it does not outweigh the chosen model.
     pub is_possible: bool,
@@ -162,7 +161,8 @@ fn beside(start: &Start, unused: &Found, chosen: &Found) -> Vec<Beside> {
             });
         }
     }
-    limit_refused(models.iter_mut().map(|other| &mut other.ln_odds), 0.0);
+    let refused = models.iter_mut().filter(|other| !other.is_possible);
+    limit_refused(refused.map(|other| &mut other.ln_odds), 0.0);
     models.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
     models
 }

@@ -52,12 +52,23 @@ pub fn smallest_set(ln_weights: &[f64]) -> usize {
         .map_or(ln_weights.len(), |last| last + 1)
 }
 
-/// Lowers the weights of models that were refused for other reasons than their weight: those that exceed the weight `taken` of the
-/// chosen model become equal, and together as probable as the chosen model. Smaller weights stay as they are.
+/// Lowers the weights of models that were refused for other reasons than their weight, so that together they are no more probable than the
+/// weight `taken`. The largest weights become equal, and smaller ones stay as they are: every model is lowered as little as possible, and no
+/// weight changes by a step when another one passes the limit.
 pub fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
-    let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
-    let even = taken - (refused.len().max(1) as f64).ln();
-    refused.iter_mut().for_each(|ln| **ln = even);
+    let mut refused: Vec<&mut f64> = ln_weights.collect();
+    refused.sort_by(|a, b| a.total_cmp(b));
+    // The fraction of `taken` that smaller weights leave to the others.
+    let mut left = 1.0;
+    for index in 0..refused.len() {
+        let equal = left / (refused.len() - index) as f64;
+        let own = (*refused[index] - taken).exp();
+        if own > equal {
+            refused.iter_mut().skip(index).for_each(|ln| **ln = taken + equal.ln());
+            return;
+        }
+        left -= own;
+    }
 }
 
 /// Whether one model predicts held-out data significantly worse than another. Student's t test over the parts of the data
@@ -124,7 +135,34 @@ mod tests {
     fn refused_models_together_are_as_likely_as_the_one_taken() {
         let mut weights = [3.0, 5.0, -1.0];
         limit_refused(weights.iter_mut(), 1.0);
-        assert!((weights[0].exp() + weights[1].exp() - 1f64.exp()).abs() < 1e-12);
-        assert_eq!(weights[2], -1.0);
+        let together: f64 = weights.iter().map(|ln| ln.exp()).sum();
+        assert!((together - 1f64.exp()).abs() < 1e-12);
+        assert_eq!((weights[0], weights[2]), (weights[1], -1.0));
+    }
+
+    #[test]
+    fn refused_models_below_the_limit_cannot_exceed_it_together() {
+        let mut weights = [-0.1, -0.1, -3.0];
+        limit_refused(weights.iter_mut(), 0.0);
+        assert!((weights.iter().map(|ln| ln.exp()).sum::<f64>() - 1.0).abs() < 1e-12, "{weights:?}");
+        assert_eq!(weights[2], -3.0);
+        // Models that do not exceed it together keep their weights.
+        let mut few = [-1.0, -1.0, f64::NEG_INFINITY];
+        limit_refused(few.iter_mut(), 0.0);
+        assert_eq!(few, [-1.0, -1.0, f64::NEG_INFINITY]);
+    }
+
+    /// A model that passes the limit changes no weight by a step.
+    #[test]
+    fn the_weights_of_refused_models_are_continuous() {
+        let [below, above] = [-1e-9, 1e-9].map(|ln| {
+            let mut weights = [ln; 2];
+            limit_refused(weights.iter_mut(), 0.0);
+            weights
+        });
+        assert!(
+            below.iter().zip(above).all(|(below, above)| (below - above).abs() < 1e-6),
+            "{below:?} {above:?}"
+        );
     }
 }
