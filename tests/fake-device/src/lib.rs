@@ -330,6 +330,16 @@ impl Device {
                 (self.boot_id, self.sequence) = (self.boot_id + 1, 0);
                 self.event(far, EventKind::StepStarted { index: 0 });
             }
+            Act::Question => {
+                let (asked, limit) = (self.questions.load(Ordering::Acquire), Duration::from_secs(5));
+                let began = Instant::now();
+                while self.questions.load(Ordering::Acquire) == asked && began.elapsed() < limit {
+                    for command in self.receive(far) {
+                        self.handle_command(&command, far);
+                    }
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
             Act::LoseAnswers(count) => self.script.lost_answers = count,
             Act::ClockBack(ms) => self.t_us = self.t_us.saturating_sub(1_000 * ms),
             Act::Saturated(is_saturated) => self.is_saturated = is_saturated,

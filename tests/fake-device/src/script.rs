@@ -23,6 +23,8 @@ pub enum Act {
     Fail(Fault),
     /// The device restarts, which its next event shows.
     Restart,
+    /// Waits, up to 5 s, until the status was requested.
+    Question,
     /// From here on so many answers get lost.
     LoseAnswers(usize),
     /// Its clock steps back by so many milliseconds.

@@ -281,7 +281,7 @@ fn a_device_with_a_fast_clock_receives_commands_in_time() {
 /// Every answer gets lost while the program runs, and every request arrives: the device takes only new frames for signs of life.
 #[test]
 fn a_line_that_loses_all_answers_carries_new_keepalives_all_the_same() {
-    let mut program = vec![Act::Batch(32), Act::LoseAnswers(usize::MAX)];
+    let mut program = vec![Act::Batch(32), Act::Question, Act::LoseAnswers(usize::MAX)];
     program.extend([[Act::Batch(32), Act::Wait(3)]; 200].concat());
     program.extend([Act::LoseAnswers(0), Act::Complete]);
     let device = FakeDevice::start(Script { program, is_patient: true, ..Script::default() });
