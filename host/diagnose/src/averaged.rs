@@ -186,7 +186,7 @@ impl Averaged {
     /// Interval of the modulus, Pa.
     pub fn modulus_pa(&self) -> Option<[f64; 2]> {
         let ends = self.interval(|fit| self.ln_modulus(fit))?;
-        Some(holding(ends.map(in_range_pa), self.own.modulus_pa().0))
+        Some(modulus_interval_pa(ends, self.own.modulus_pa().0))
     }
 
     /// Logarithm of the modulus of a fit, Pa, and its standard deviation. If the final model has a uniform modulus, a modulus that
@@ -219,7 +219,7 @@ impl Averaged {
             .collect();
         let (value_pa, _) = on_springs.stating_k_of(&self.own).modulus_pa();
         let ends = interval(&weighted_moments);
-        (value_pa, ends.map(|ends| holding(ends.map(in_range_pa), value_pa)))
+        (value_pa, ends.map(|ends| modulus_interval_pa(ends, value_pa)))
     }
 
     /// Interval of the mean modulus down to the greatest depth that was reached, Pa.
@@ -264,6 +264,12 @@ fn varies(fit: &Fitted) -> bool {
 fn in_range_pa(ln: f64) -> f64 {
     let [least_pa, most_pa] = tissue::MODULUS.range;
     ln.exp().clamp(least_pa, most_pa)
+}
+
+/// Interval of a modulus, Pa, from the ends of its logarithm: they are clipped to the range in the table of unknowns, outside which no fit
+/// looks for a modulus, and extended to include the reported value.
+pub fn modulus_interval_pa(ln_ends: [f64; 2], value_pa: f64) -> [f64; 2] {
+    holding(ln_ends.map(in_range_pa), value_pa)
 }
 
 /// An interval extended to include the reported value, which it may miss because other models together can have more weight than the

@@ -7,7 +7,7 @@ use super::options::TissueModel;
 use super::{
     BodyResult, Fitted, FoundationChoice, FoundationResult, Layers, Options, Pooled, YoungsModulus, pool,
 };
-use diagnose::{DiscrepantModulus, VARIED_NATS};
+use diagnose::{DiscrepantModulus, VARIED_NATS, modulus_interval_pa};
 use mechanics::Support;
 use readings::{FitError, LateralData};
 
@@ -141,14 +141,16 @@ pub(super) fn compare(
 }
 
 impl BodyResult {
-    /// With model error in its interval.
+    /// With model error in its interval, which stays in the range of moduli.
     fn with_model_error(mut self, discrepant: DiscrepantModulus) -> Self {
-        let (noise_kpa, value_kpa) = (self.youngs_modulus_kpa, 1e-3 * discrepant.ln_pa.exp());
-        self.ci95_kpa = self.ci95_kpa.map(|kpa| {
+        let noise_kpa = self.youngs_modulus_kpa;
+        let ln_ends = self.ci95_kpa.map(|kpa| {
             let by_data = (kpa / noise_kpa).ln();
-            value_kpa * half_with_model_error(by_data.abs(), discrepant).copysign(by_data).exp()
+            discrepant.ln_pa + half_with_model_error(by_data.abs(), discrepant).copysign(by_data)
         });
-        self.youngs_modulus_kpa = value_kpa;
+        let value_pa = discrepant.ln_pa.exp();
+        self.ci95_kpa = modulus_interval_pa(ln_ends, value_pa).map(|end_pa| 1e-3 * end_pa);
+        self.youngs_modulus_kpa = 1e-3 * value_pa;
         self
     }
 

@@ -9,6 +9,7 @@ use super::options::TissueModel;
 use super::{Fitted, FoundationChoice, NoiseAlone, Options, Pooled, RestsOn};
 use diagnose::{
     DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, ModulusDraws, Moved, fit_with_discrepancy,
+    modulus_interval_pa,
 };
 use formats::session::Session;
 use mechanics::effects::Effect;
@@ -96,12 +97,14 @@ pub(super) fn half_with_model_error(noise_half: f64, discrepant: DiscrepantModul
 }
 
 impl Pooled {
-    /// With the value and the interval of the posterior that has model error, and what is not exactly known of the rig, in it.
+    /// With the value and the interval of the posterior that has model error, and what is not exactly known of the rig, in it. The interval
+    /// stays in the range of moduli of the table of unknowns, as that of a diagnosis.
     pub(super) fn with_model_error(mut self, discrepant: DiscrepantModulus) -> Self {
         let noise = NoiseAlone { k_kpa: self.k_kpa, sd_kpa: self.sd_kpa, ci95_kpa: self.ci95_kpa };
         let half = half_with_model_error(noise.half_ln(), discrepant);
         self.k_kpa = 1e-3 * discrepant.ln_pa.exp();
-        self.ci95_kpa = [self.k_kpa * (-half).exp(), self.k_kpa * half.exp()];
+        let ends_pa = modulus_interval_pa([-half, half].map(|to| discrepant.ln_pa + to), 1e3 * self.k_kpa);
+        self.ci95_kpa = ends_pa.map(|end_pa| 1e-3 * end_pa);
         self.sd_kpa = self.k_kpa * discrepant.sd_ln.max(noise.sd_kpa / noise.k_kpa);
         self.noise_alone = Some(noise);
         self.rests_on = discrepant
@@ -126,5 +129,32 @@ impl NoiseAlone {
     /// Half-width of the 95 % interval of ln K.
     fn half_ln(&self) -> f64 {
         self.ci95_kpa.into_iter().map(|end| (end / self.k_kpa).ln().abs()).fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs with a shape that makes no sense determine the modulus to no better than a factor of billions.
+    #[test]
+    fn the_ends_of_the_interval_are_moduli_that_a_tissue_can_have() {
+        let pooled = Pooled {
+            k_kpa: 12.0,
+            sd_kpa: 120.0,
+            ci95_kpa: [1e-9, 4.5e11],
+            noise_alone: None,
+            rests_on: None,
+            profile: None,
+            bootstrap: None,
+            nuisances: Vec::new(),
+            runs: 1,
+            heterogeneity: None,
+        };
+        let discrepant = DiscrepantModulus { ln_pa: 10e3_f64.ln(), sd_ln: 0.1, rests_on: None };
+        let with_error = pooled.with_model_error(discrepant);
+        let range_kpa = mechanics::unknowns::tissue::MODULUS.range.map(|end_pa| 1e-3 * end_pa);
+        assert_eq!(with_error.ci95_kpa, range_kpa);
+        assert!((with_error.k_kpa - 10.0).abs() < 1e-9);
     }
 }
