@@ -158,8 +158,8 @@ impl Fitted {
         Some(covariance[(0, 0)] * sd * sd)
     }
 
-    /// Residuals of runs, then their change for one standard deviation of the parameters along each principal axis of their
-    /// covariance; `None` if the covariance has no factor.
+    /// Residuals of runs, then their change along each column of a root of the parameters' covariance, the Cholesky factor: the joint density
+    /// is the same for every root. `None` if the covariance has no factor.
     pub fn with_spread(
         &self,
         residuals: &[Vec<f64>],
