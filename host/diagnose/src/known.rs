@@ -55,15 +55,18 @@ impl KnownParameter {
         known_parameters
     }
 
-    /// Adds the effects of a rig to those of a model, and replaces the known parameters by those of the rig. Start values of effects that
-    /// were stated before are kept.
+    /// Adds the effects of a rig to those of a model, and the parameters that the rig states to the known ones, where they replace those of
+    /// the same name. The values of effects that were stated before are kept: a fit only starts from them, so that they are no knowledge
+    /// beside the rig's intervals.
     pub fn take(effects: &mut Vec<(&'static dyn Effect, Vec<f64>)>, known: &mut Vec<Self>, rig: &ModelFile) {
         for (effect, values) in rig.effects() {
             if effects.iter().all(|(own, _)| own.id() != effect.id()) {
                 effects.push((effect, values));
             }
         }
-        *known = Self::of_model(rig);
+        let of_rig = Self::of_model(rig);
+        known.retain(|own| !of_rig.iter().any(|one| one.is_of(&own.effect, &own.parameter)));
+        known.extend(of_rig);
     }
 
     /// Whether it is this parameter of this effect.
@@ -238,4 +241,33 @@ fn place(known: &KnownParameter, fitted: &Fitted) -> Option<(usize, Scale)> {
 fn sorted(mut moved: Vec<Moved>) -> Vec<Moved> {
     moved.sort_by(|a, b| b.sds.abs().total_cmp(&a.sds.abs()));
     moved
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn parameter(effect: &str, parameter: &str, value: f64) -> KnownParameter {
+        KnownParameter { effect: effect.to_owned(), parameter: parameter.to_owned(), value, sd: 0.01 }
+    }
+
+    #[test]
+    fn a_rig_replaces_the_parameters_that_it_states_and_keeps_all_others() {
+        let text = "[model]\nformat = 1\n[[effect]]\nid = \"rig.play\"\n[effect.parameters.half_width_mm]\n\
+                    value = 0.05\nci95 = [0.04, 0.06]\n";
+        let rig = ModelFile::parse(Path::new("rig.toml"), text).expect("a model");
+        let weighed = parameter("sensor.force_gain", "gain", 1.02);
+        let mut known = vec![parameter("rig.play", "half_width_mm", 0.2), weighed.clone()];
+        let mut effects = Vec::new();
+        // Every list of effects takes the same rig; the second time changes nothing.
+        for _ in 0..2 {
+            KnownParameter::take(&mut effects, &mut known, &rig);
+            assert_eq!(known.len(), 2, "{known:?}");
+            assert!(known.contains(&weighed), "{known:?}");
+            let play = known.iter().find(|one| one.is_of("rig.play", "half_width_mm")).expect("the play");
+            assert_eq!(play.value, 0.05);
+            assert_eq!(effects.len(), 1);
+        }
+    }
 }
