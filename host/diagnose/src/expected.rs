@@ -8,7 +8,7 @@ use super::posterior::{self, Fitted, MAX_ROUNDS};
 use super::predicted::differences;
 use super::score::Scores;
 use super::search::{Catalogue, Search};
-use super::weights::{ModelPrior, one_sided};
+use super::weights::ModelPrior;
 use super::{Multiples, Noises, Start, fit_start, runs_of, split};
 use formats::session::Session;
 use mechanics::effects::effect;
@@ -56,8 +56,8 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     .ok()?;
     let mut true_values = layout.first_values();
     true_values[0] = truth.modulus_pa.ln();
-    if let Some(load) = true_values.get_mut(1) {
-        *load = truth.tip_load_n;
+    if let Some(load) = layout.load() {
+        true_values[load] = truth.tip_load_n;
     }
     for run in &mut prepared {
         let mut model = layout.model(&true_values, run.run.kind).ok()?;
@@ -86,14 +86,17 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let ranked = scores.ranked();
     let prior = ModelPrior::new(ranked.len(), 1);
     let candidates = search.weigh(plain, ranked, &prior);
-    let gains = candidates.iter().filter_map(|candidate| {
-        let (_, gain) = candidate.refit.as_ref()?;
-        Some((*gain, candidate.id()))
+    // An effect whose score is too small for a fit has the evidence of its score.
+    let gains = candidates.iter().map(|candidate| {
+        let gain = candidate.refit.as_ref().map_or(candidate.score.log_evidence, |(_, gain)| *gain);
+        (gain, candidate.id())
     });
-    let (of_hidden, of_others): (Vec<_>, Vec<_>) = gains.partition(|(_, id)| *id == truth.effect);
-    let [own_fit, competitor] =
+    let (of_hidden, of_others): (Vec<_>, Vec<_>) =
+        gains.filter(|(gain, _)| gain.is_finite()).partition(|(_, id)| *id == truth.effect);
+    let [own, competitor] =
         [of_hidden, of_others].map(|gains| gains.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)));
-    let own_gain = own_fit.map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
+    // Runs that an effect does not change are equally probable with and without it.
+    let own_gain = own.map_or(0.0, |(gain, _)| gain);
     // The model without an effect is a competitor too.
     let nearest = competitor.map_or(0.0, |(gain, _)| gain).max(0.0);
     Some(Expected {
@@ -101,4 +104,21 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
         apart: own_gain - nearest,
         competitor: competitor.map(|(_, id)| id.to_owned()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::truth;
+    use super::*;
+    use worlds::{Design, session};
+
+    /// Data on which an effect has no influence are equally probable with and without it; the normal prior that stands for one with heavy
+    /// tails errs by a quarter of a nat.
+    #[test]
+    fn an_effect_that_no_run_can_show_has_the_evidence_of_the_model_without_it() {
+        let lateral_session = session(&truth(Vec::new()), &Design::four_runs(), 3);
+        let hidden = Truth { effect: "tip.load_slope", values: &[0.001], modulus_pa: 12e3, tip_load_n: 0.2 };
+        let expected = expected(&lateral_session, &hidden).expect("an expected result");
+        assert!(expected.apart.abs() < 0.25, "{expected:?}");
+    }
 }
