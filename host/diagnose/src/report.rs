@@ -43,6 +43,7 @@ pub(super) struct DiagnosisReport<'a> {
     pub other_foundation: Vec<Beside>,
     /// K of the models of a body.
     pub on_springs: OnSprings,
+    /// Noise of the runs from which values are reported; the adequacy is that of the training runs, with their own noise.
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
     /// Adequacy of the model with the known values of the rig, if the rig has changed.

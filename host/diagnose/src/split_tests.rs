@@ -1,7 +1,7 @@
 //! Choice of the held-out runs, and judgement of models by them.
 
 use super::super::tests::truth;
-use super::super::{Layout, Noises, Start, data_split, fit_start, runs_of};
+use super::super::{Layout, Noises, Options, Start, data_split, diagnose, fit_start, runs_of};
 use super::*;
 use worlds::{Design, session};
 
@@ -116,4 +116,18 @@ fn runs_of_a_kind_are_judged_by_themselves() {
     }
     let joint_misfit = judge.held_out_misfit_in(&start.fitted, RunKinds::BOTH).expect("held out");
     assert!((sum / joint_misfit - 1.0).abs() < 1e-9, "{sum}");
+}
+
+/// Values and intervals are those of fits to all runs: so is the noise beside them.
+#[test]
+fn the_reported_noise_is_that_of_all_runs() {
+    let mut design = Design::four_runs();
+    design.noise.stated = false;
+    let session = session(&truth(vec![]), &design, 11);
+    let diagnosis = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+    assert!(diagnosis.gap.is_some());
+    let (runs, _) = runs_of(&session).expect("runs");
+    let noise = Noise::of(&runs, &session.stated_noise());
+    assert_eq!(diagnosis.noise["force_n"], noise.force.reading_sd(), "{:?}", diagnosis.noise);
+    assert_eq!(diagnosis.noise["shape_mm"], 1e3 * noise.shape.sd(), "{:?}", diagnosis.noise);
 }

@@ -110,6 +110,8 @@ pub(super) fn workflow<T>(
         beside: other_foundation,
         foundation,
     };
+    // The noise of the fits from which values are reported.
+    let mut stated_noise = noise;
     if judge.runs() > 0 {
         on_progress("the models are fitted to all runs");
         let mut whole = all_runs.clone();
@@ -119,7 +121,7 @@ pub(super) fn workflow<T>(
         let of_all = Whole::new(&layout, &whole, &noises, &options.given, &multiples)
             .and_then(|whole| whole.stated(&stated, is_named, &multiples));
         match of_all {
-            Ok(of_all) => stated = of_all,
+            Ok(of_all) => (stated, stated_noise) = (of_all, noises.session),
             Err(why) => {
                 warnings.push(format!("the values are those of fits without the held-out data: {why}"))
             }
@@ -136,7 +138,7 @@ pub(super) fn workflow<T>(
         averaged: stated.averaged,
         other_foundation: stated.beside,
         on_springs,
-        noise: &noise,
+        noise: &stated_noise,
         adequacy: [&adequacy_before, &adequacy_after],
         disagreement: disagreement.as_ref(),
         verdict,
