@@ -106,10 +106,11 @@ impl Divided {
 
     /// Divides every run of one kind.
     fn add_parts(&mut self, runs: &[&(usize, Run)], kind: Kind, name: &str) {
-        let part_kind = match kind {
-            Kind::Lateral => "hold",
-            Kind::Insertion => "interval of depth",
+        let [part_kind, parts_kind] = match kind {
+            Kind::Lateral => ["hold", "holds"],
+            Kind::Insertion => ["interval of depth", "intervals of depth"],
         };
+        let held_before = self.held_out.len();
         for (place, (number, run)) in runs.iter().enumerate() {
             // The index of the run shifts the pattern, so that not the same level is held out in every run.
             let held_run = run.with_parts(|part| (part + place) % EVERY == EVERY / 2);
@@ -119,7 +120,11 @@ impl Divided {
                 self.held_out.push((*number, held_run));
             }
         }
-        self.rules.push(format!("{name} have no repeats: one {part_kind} in {EVERY} is held out"));
+        self.rules.push(if self.held_out.len() > held_before {
+            format!("{name} have no repeats: one {part_kind} in {EVERY} is held out")
+        } else {
+            format!("{name} have no repeats, and too few {parts_kind} for one in {EVERY} to be held out")
+        });
     }
 }
 

@@ -118,6 +118,19 @@ fn runs_of_a_kind_are_judged_by_themselves() {
     assert!((sum / joint_misfit - 1.0).abs() < 1e-9, "{sum}");
 }
 
+/// The rule is what a user reads: it may not state a part as held out that no run has.
+#[test]
+fn the_rule_states_what_is_held_out_and_nothing_else() {
+    let mut single = Design::four_runs();
+    single.lateral.truncate(1);
+    single.lateral[0].levels_mm = vec![1.0];
+    let too_little = data_split(&session(&truth(Vec::new()), &single, 5)).expect("usable");
+    assert_eq!(too_little.held_out, Vec::<String>::new());
+    assert!(!too_little.rule.contains("is held out"), "{}", too_little.rule);
+    let enough = data_split(&session(&truth(Vec::new()), &Design::four_runs(), 5)).expect("usable");
+    assert!(!enough.held_out.is_empty() && enough.rule.contains("is held out"), "{}", enough.rule);
+}
+
 /// Values and intervals are those of fits to all runs: so is the noise beside them.
 #[test]
 fn the_reported_noise_is_that_of_all_runs() {
