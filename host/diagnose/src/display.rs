@@ -9,7 +9,7 @@ impl Verdict {
         match self {
             Self::Adequate => "adequate: these runs show no missing effect",
             Self::Named => "named",
-            Self::Ambiguous => "ambiguous: a few effects explain these runs equally well",
+            Self::Ambiguous => "ambiguous: these runs do not decide between several explanations",
             Self::Unexplained => "unexplained: no effect of the catalogue explains the misfit",
         }
     }

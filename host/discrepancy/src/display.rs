@@ -55,7 +55,7 @@ impl Display for Report {
         let verdict = match self.verdict {
             Verdict::Adequate => "adequate: nothing is missing",
             Verdict::Explained => "explained: with these laws nothing is missing",
-            Verdict::Ambiguous => "ambiguous: several laws explain these runs equally well",
+            Verdict::Ambiguous => "ambiguous: these runs do not decide between several laws",
             Verdict::Partial => "partial: something is missing beside these laws",
             Verdict::Unexplained => "unexplained: something is missing that no candidate describes",
         };
