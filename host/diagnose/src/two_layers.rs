@@ -2,11 +2,12 @@
 //! diagnosis.
 
 use super::averaged::interval;
+use super::known::Released;
 use super::layout::Scale;
 use super::posterior::Fitted;
 use super::{
     DiagnoseError, DiscrepancyFitInput, FitError, Layout, MAX_ROUNDS, Noise, Noises, Session, fit_start,
-    runs_of,
+    known, runs_of,
 };
 use mechanics::Support;
 use mechanics::effects::effect;
@@ -34,7 +35,7 @@ pub struct TwoLayers {
 
 /// Fits two layers to all runs of a session from several starts: modulus above the boundary in Pa, ratio, and boundary in mm.
 /// The likelihood has many maxima along the boundary. Values are those of the maximum with the largest evidence; intervals are
-/// those of the mixture of all maxima, weighted by their evidence.
+/// those of the mixture of all maxima, weighted by their evidence. Known parameters that the runs contradict with a single modulus become free.
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used or no start has a fit.
@@ -47,9 +48,12 @@ pub fn two_layers(
     let (runs, _) = runs_of(session)?;
     let noise = Noise::of(&runs, &session.stated_noise());
     let effects = input.given.iter().map(|(effect, _)| *effect).collect();
-    let layout = Layout::new(&session.rig, &runs, effects);
+    let mut layout = Layout::new(&session.rig, &runs, effects);
+    layout.known = input.known.into();
     let noises = Noises { session: noise, reference: noise };
-    let springs = fit_start(&layout, &runs, &noises, input.given, input.discrepancy)?;
+    let Released { start: springs, .. } = known::released(&mut layout, |layout| {
+        fit_start(layout, &runs, &noises, input.given, input.discrepancy)
+    })?;
     let single_modulus = match input.body {
         Some(poisson) => springs.on(Support::Body { poisson, block: session.tissue.block() })?,
         None => springs,
@@ -114,4 +118,60 @@ fn mixed(fits: &[Fitted], moments: impl Fn(&Fitted) -> (f64, f64)) -> Result<Int
 /// Value and standard deviation of a parameter.
 fn moments_of(fit: &Fitted, parameter: usize) -> (f64, f64) {
     (fit.values()[parameter], fit.sd(parameter))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::truth;
+    use super::super::{KnownParameter, Multiples};
+    use super::*;
+    use mechanics::effects::Effect;
+    use worlds::{Design, session};
+
+    /// Two layers in a session whose model contains an effect with a known parameter.
+    fn with_known(session: &Session, id: &str, parameter: &str, known: Option<(f64, f64)>) -> TwoLayers {
+        let given: Vec<(&'static dyn Effect, Vec<f64>)> =
+            effect(id).into_iter().map(|one| (one, vec![one.parameters()[0].neutral])).collect();
+        let known_parameters = known.map(|(value, sd)| KnownParameter {
+            effect: id.to_owned(),
+            parameter: parameter.to_owned(),
+            value,
+            sd,
+        });
+        let input = DiscrepancyFitInput {
+            given: &given,
+            known: known_parameters.as_slice(),
+            discrepancy: &Multiples::new(),
+            body: None,
+            draws: None,
+        };
+        two_layers(session, &input, &[[12e3, 2.0, 15.0]]).expect("two layers")
+    }
+
+    fn layered() -> Session {
+        session(&truth(vec![("tissue.layers", vec![2.0, 15.0])]), &Design::four_runs(), 3)
+    }
+
+    fn width_ln((_, [low, high]): Interval) -> f64 {
+        (high / low).ln()
+    }
+
+    /// A force gain scales all moduli, so that their intervals depend on what is known of the gain.
+    #[test]
+    fn the_intervals_of_two_layers_use_what_is_known_of_the_rig() {
+        let session = layered();
+        let [unknown, known] =
+            [None, Some((0.0, 1e-4))].map(|known| with_known(&session, "sensor.force_gain", "gain", known));
+        assert!(width_ln(known.lower_pa) < 0.9 * width_ln(unknown.lower_pa), "{known:?} {unknown:?}");
+    }
+
+    /// A known value that the runs contradict is released, as in a diagnosis: otherwise it moves the moduli.
+    #[test]
+    fn two_layers_do_not_rest_on_a_known_value_that_the_runs_contradict() {
+        let session = layered();
+        let [unknown, contradicted] =
+            [None, Some((0.3, 0.02))].map(|known| with_known(&session, "sensor.shape_scale", "scale", known));
+        let moved = (contradicted.upper_pa.0 / unknown.upper_pa.0).ln().abs();
+        assert!(moved < 0.01, "{contradicted:?} {unknown:?}");
+    }
 }
