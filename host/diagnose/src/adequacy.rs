@@ -10,6 +10,7 @@
 
 mod regions;
 
+pub use regions::region_coordinates;
 pub(super) use regions::{Region, allowed_sizes, has_regions_beyond_prior, regions};
 
 use super::data::{Channel, Datum, Kind};

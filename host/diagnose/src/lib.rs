@@ -84,6 +84,7 @@ mod whole;
 mod workbench;
 mod workflow;
 
+pub use adequacy::region_coordinates;
 pub use averaged::{interval as mixture_interval, modulus_interval_pa};
 pub use characterize::{
     Characterisation, CharacterizeError, CharacterizeOptions, CharacterizedParameter, Standing, characterize,

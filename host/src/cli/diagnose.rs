@@ -282,7 +282,7 @@ fn write_reference(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result
 fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result {
     writeln!(
         f,
-        "missing      {}: {}; log evidence +{:.1}, {}",
+        "missing      {}: {}; log evidence {:+.1}, {}",
         found.id,
         found.parameters_in_words(),
         found.log_evidence_gain,

@@ -13,7 +13,7 @@ function verdictOf(found) {
   return `Missing in the model: ${names.join('; and ')}.${isClass ? ' These runs cannot distinguish between them.' : ''}`;
 }
 const CHANNELS = { force_y: 'Force', shape_y: 'Shape', tip_y: 'Tip', tip_direction_y: 'Tip direction', force_x: 'Horizontal force', shape_x: 'Horizontal shape', tip_x: 'Horizontal tip', tip_direction_x: 'Horizontal tip direction' };
-const COORDINATES = { insertion_depth_mm: 'insertion depth, mm', depth_below_entry_mm: 'depth below the surface, mm', level_mm: 'displacement of guide 2, mm', direction: 'direction of motion', time_s: 'time, s', hold_s: 'time in a hold, s' };
+const COORDINATES = { insertion_depth_mm: 'insertion depth, mm', depth_below_entry_mm: 'depth below the surface, mm', level_mm: 'displacement of guide 2, mm', direction: 'direction of motion', time_in_hold_s: 'time in a hold, s' };
 
 function showDiagnose() {
   within('diagnose', async (isHere) => {
@@ -94,7 +94,7 @@ function reasons(one, found, about) {
   const gap = found.gap;
   const list = [
     `${values.join(', ')}.`,
-    `Log evidence +${number(one.log_evidence_gain)}, needed ${number(found.margin)}.`,
+    `Log evidence ${signed(one.log_evidence_gain)}, needed ${signed(found.margin)}.`,
     gap ? `On the held-out runs the misfit (chi-square per reading) changes from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'No run could be held out.',
     others.length ? `Not excluded: ${others.map((id) => plainName(id)).join(', ')}.` : 'No other effect explains the runs as well.',
   ];
@@ -150,7 +150,7 @@ function drawTrial(trial, { numbers, bars, maps, values }) {
   const isSame = trial.effects.length === 0;
   const where = trial.held_out ? `on runs held out of every fit: ${trial.held_out.heldout_runs.join(', ')}` : 'on the fitted runs, as no run could be held out';
   numbers.replaceChildren(modelLine(isSame ? 'plain, no effect is switched on' : `with ${trial.effects.map((one) => plainName(one.id, one.parameters)).join(', and ')}`), h('p', { class: 'readout' }, h('span', { class: 'big' }, `${number(before.chi2_reduced)}${isSame ? '' : ` \u2192 ${number(after.chi2_reduced)}`}`), ' ', term('chi-square per reading'), ` (about 1: noise alone), ${where}`),
-    h('p', {}, isSame ? '' : `Log evidence ${trial.log_evidence_gain > 0 ? '+' : ''}${number(trial.log_evidence_gain)}. `, `Modulus ${number(trial.modulus_kpa.value)} kPa (${interval(trial.modulus_kpa.ci95)}).`));
+    h('p', {}, isSame ? '' : `Log evidence ${signed(trial.log_evidence_gain)}. `, `${trial.foundation === 'body' ? 'Young\u2019s modulus E' : 'Foundation modulus K'} ${number(trial.modulus_kpa.value)} kPa (${interval(trial.modulus_kpa.ci95)}).`));
   const most = (unit) => Math.max(...Object.entries(before.rmse).concat(Object.entries(after.rmse)).filter(([name]) => name.endsWith(`_${unit}`)).map(([, value]) => value));
   if (bars.childElementCount === 0) bars.append(h('h3', {}, 'Root mean square of the residuals'));
   const order = Object.keys(CHANNELS);

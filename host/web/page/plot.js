@@ -22,6 +22,9 @@ function number(value, digits = 3) {
   return text.replace('-', '\u2212');
 }
 
+/** A difference: its sign is shown where it is positive, too. */
+const signed = (value) => `${value > 0 ? '+' : ''}${number(value)}`;
+
 const interval = ([low, high], digits = 3) => `${number(low, digits)} to ${number(high, digits)}`;
 
 /** From the least to the greatest value with a margin. */

@@ -97,6 +97,6 @@ function sharedList(found) {
   if (found.shared_effects.length === 0) return h('p', {}, `No effect is shared by a rig, needle, tissue, day or all sessions (${found.tests} tests).`);
   const one = (effect) => h('li', {}, h('code', {}, effect.effect), ` ${{ shared: 'in all sessions', step: 'from a date on', trend: 'growing' }[effect.kind]} of ${effect.label === 'all' ? effect.group : `${effect.label} ${effect.group}`}, ${effect.sessions} sessions: `,
     effect.parameters.map((value) => { const [label, unit] = unitOf(value.name); return `${label} ${number(value.value)} (${interval(value.ci95)}) ${unit}`.trim(); }).join(', '),
-    `; log evidence +${number(effect.log_evidence)}`);
+    `; log evidence ${signed(effect.log_evidence)}`);
   return h('ul', {}, ...found.shared_effects.map(one));
 }

@@ -461,6 +461,49 @@ fn every_effect_has_a_plain_name() {
     }
 }
 
+/// The table of regions has a label for every coordinate that a diagnosis scans, and none for another one.
+#[test]
+fn every_coordinate_of_a_region_has_a_label() {
+    let script = include_str!("../page/diagnose.js");
+    let (_, after) = script.split_once("const COORDINATES = { ").expect("the labels");
+    let (labels, _) = after.split_once(" };").expect("their end");
+    // A label may contain a comma, but no colon.
+    let words: Vec<&str> = labels.split(": '").filter_map(|text| text.split_whitespace().last()).collect();
+    let (_, names) = words.split_last().expect("labels");
+    let mut expected = inference::diagnose::region_coordinates().to_vec();
+    let mut names = names.to_vec();
+    (expected.sort_unstable(), names.sort_unstable());
+    assert_eq!(names, expected);
+}
+
+/// A log evidence may be negative: its sign is that of the number.
+#[test]
+fn no_script_puts_a_fixed_plus_before_a_number() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("page");
+    for entry in fs::read_dir(page).expect("the page's folder") {
+        let path = entry.expect("an entry").path();
+        if path.extension().is_some_and(|ending| ending == "js") {
+            let script = fs::read_to_string(&path).expect("a script");
+            assert!(!script.contains("+${number("), "{}", path.display());
+        }
+    }
+}
+
+/// K of springs and E of a body are different quantities: the modulus of a trial is shown with its name.
+#[test]
+fn a_trial_names_its_modulus_by_its_foundation() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let dir = example(folder.path());
+    let engine = &mut Engine::default();
+    let script = include_str!("../page/diagnose.js");
+    assert!(!script.contains("`Modulus ${"), "a modulus without a name");
+    for (foundation, name) in [("springs", "Foundation modulus K"), ("body", "modulus E")] {
+        let request = json!({"do": "try", "dir": dir, "foundation": foundation, "effects": []});
+        assert_eq!(ok(engine, &request)["foundation"], foundation);
+        assert!(script.contains(name), "{name}");
+    }
+}
+
 #[test]
 fn an_investigation_is_that_of_the_log_and_none_without_one() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -46,6 +46,11 @@ const COORDINATES: [Coordinate; 5] = [
     ("time_in_hold_s", |_, d| d.place.hold_s),
 ];
 
+/// Names of the coordinates along which regions are found, as in [`RegionResult`](crate::RegionResult).
+pub fn region_coordinates() -> [&'static str; COORDINATES.len()] {
+    COORDINATES.map(|(name, _)| name)
+}
+
 /// Bins of one coordinate in one channel, and the number of their first column.
 struct Scan {
     channel: Channel,
