@@ -83,7 +83,7 @@
 //! | 5 | [`Status`] | on request, and ten times a second while telemetry is on: state, fault, position, force, counters, load, stiffness |
 //! | 6 | [`CalibrationRecord`] | on request |
 //! | 7 | `Connected { connection }` | after the hello |
-//! | 8 | [`Safety`] | on request; while telemetry is on also when it changes, and once a second |
+//! | 8 | [`Safety`] | on request; while telemetry is on also once a second, and when calibration, tare or zero changes |
 //! | 9 | [`Description`] | on request |
 //!
 //! `protocol/spec/protocol.md` lists the refusals of each request in each state, the remedy of each refusal and fault, and the
@@ -98,9 +98,9 @@
 //!   frame again when none comes; the device answers a repeat as it did before and does nothing else. Ids only grow within a
 //!   connection: a used id whose answer is forgotten, or that comes with another request, is refused. `Stop` and `Hello` are
 //!   carried out each time. One command is under way at a time.
-//! * **Connections.** A command without a valid token is refused (`Hello` and `Stop` excepted), so that no command for the
-//!   state before a restart, and no frame from an earlier connection, takes effect after it. An envelope of another boot
-//!   informs the host of the restart.
+//! * **Connections.** A command without a valid token is refused (`Hello` and `Stop` excepted). A token is valid for one start of
+//!   the device, so that no command from before a restart is carried out after it. An envelope of another boot informs the host of
+//!   the restart.
 //! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; each number is one more than the one before. A jump forward
 //!   by n (less than 2³¹) means that n - 1 frames are lost. The same number is a duplicate, an earlier number is late, and neither
 //!   is used ([`SequenceTracker`]).

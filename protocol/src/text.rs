@@ -8,8 +8,8 @@ use postcard_schema::{
 };
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// Largest size of the packed samples of a batch, bytes. With it a whole frame has fewer than 254 bytes, so that byte stuffing
-/// always costs one byte.
+/// Largest size of the packed samples of a batch, bytes. With it payload and checksum of every frame have fewer than 254
+/// bytes, so that byte stuffing always adds one byte.
 pub const PACKED_BYTES: usize = 211;
 
 /// Bytes of the varint that holds a length up to `capacity`.

@@ -107,8 +107,8 @@ pub enum Request {
     /// Request for the calibration in use.
     Calibration,
     /// Unload guide 2 while a fault is latched: a slow motion of at most [`RETREAT_LIMIT_UM`] along each axis. The device ends it when
-    /// the force rises or does not fall. Accepted only while the causes to stop are those of faults of
-    /// [`crate::Fault::allows_retreat`].
+    /// the force rises or does not fall. Accepted only while a load is the only cause to stop: every cause is that of a fault which
+    /// [allows a retreat](crate::Fault::allows_retreat).
     Retreat {
         /// Displacement along x, micrometres.
         x_um: i32,

@@ -50,7 +50,8 @@ pub enum Message {
         /// Number that every command of the connection carries ([`crate::Command::connection`]).
         connection: u32,
     },
-    /// Answer to `Request::Safety`; while telemetry is on also unsolicited, when it has changed and once a second.
+    /// Answer to `Request::Safety`; while telemetry is on also unsolicited, once a second and when the calibration's source, the
+    /// tare or the zero has changed.
     Safety(Safety),
     /// Answer to `Request::Describe`.
     Description(Description),
@@ -146,10 +147,10 @@ pub enum Refusal {
     /// The checksum of the loaded calibration is not the one that the host announced, or no rig has such constants
     /// ([`crate::Implausible`]).
     CalibrationInvalid,
-    /// The id has been used in this connection: by another command, or so long ago that its answer is forgotten.
+    /// The id is not greater than all before it in this connection, and the command is no repeat whose answer is remembered.
     IdUsed,
-    /// There is no load to retreat from: no fault is latched, no cause of a fault of [`Fault::allows_retreat`] exists, or another
-    /// cause to stop exists as well.
+    /// There is no load to retreat from: no fault is latched, or no load is a cause to stop ([`Fault::allows_retreat`]), or
+    /// another cause to stop exists as well.
     NotUnderLoad,
     /// No calibration is stored: acknowledge the constants of the rig as designed first.
     CalibrationNotAcknowledged,

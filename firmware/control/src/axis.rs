@@ -36,7 +36,7 @@ const INTEGRAL_LIMIT_UM_S: f32 = 3_000.0;
 /// Largest speed that the loop commands, micrometres per second: the actuator's speed without a load.
 pub const SPEED_LIMIT_UM_S: f32 = FULL_SPEED_UM_S;
 /// Largest speed until the axis has been observed to move in its driven direction, micrometres per second: a wrong direction is
-/// detected within 0.3 mm. The duty is just above the one beyond which an axis at rest counts as stalled.
+/// detected within 0.3 mm. The duty at this speed is just above the one from which a standstill counts as a stall.
 pub const PROVING_SPEED_UM_S: f32 = 4_400.0;
 /// Duration of drive in one direction that takes up the play between screw and potentiometer, periods.
 pub const PLAY_PERIODS: u16 = 20;

@@ -16,7 +16,7 @@
 //! | [`interlock`] | when to stop, and why: the table of hazards |
 //! | [`limits`] | how much evidence a fault takes |
 //! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
-//! | [`retreat`] | motions that unload the guide while a fault from the load is latched |
+//! | [`retreat`] | motions that unload the guide while a fault is latched |
 //! | [`retained`] | state that is retained over a restart |
 //! | [`store`] | a calibration while it is received |
 //! | [`telemetry`] | batches, answers and events, and what is dropped where the link is slow |
@@ -378,7 +378,7 @@ impl Controller {
             None => [None; 2],
         };
         let positions_um = self.axes.each_ref().map(Axis::position_um);
-        // The pulse decides motor and direction, but the motor's heat is checked in a pulse too.
+        // In a pulse the wiring may be wrong, so that motion and direction are not judged; the motor's heat counts in a pulse too.
         let judged = if self.pulser.is_active() { [0.0; 2] } else { duty };
         let drives = duty.into_iter().zip(judged).zip(positions_um).zip([setpoint_x, setpoint_y]);
         let keepers = self.watches.iter_mut().zip(&mut self.budgets);

@@ -118,7 +118,7 @@ impl LatestTwo {
     }
 }
 
-/// Rejects single readings that jump. A jump that persists is accepted; by then it is a fault.
+/// Rejects readings that jump. The third jump in a row is accepted: by then it is a fault, except for a jump of the force at rest.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Outliers(u32);
 

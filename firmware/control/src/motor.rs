@@ -1,4 +1,5 @@
-//! Protects a motor: limits the fraction of time for which it is driven, and detects drive without motion or against it.
+//! Protects a motor: limits the fraction of time for which it is driven, and detects that a driven axis does not move, or moves
+//! against the drive.
 //!
 //! The actuators are rated for a duty cycle of 20 %: at most [`ON_LIMIT_PERIODS`] of driving in any [`WINDOW_S`] seconds. The
 //! time is counted in bins of [`BIN_S`] seconds over a window that slides by whole bins and is one bin longer than rated, so

@@ -23,7 +23,7 @@
 //! | `ClearInMotion` | a fault is cleared while a motor still coasts | `a_fault_is_cleared_only_at_rest` |
 //! | `AnyPulse` | pulses move a motor by any distance | `a_pulse_ends_within_its_bound_whatever_is_wired_wrong`, `pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_in_a_fault` |
 
-/// A safety measure that can be disabled.
+/// A safety measure that can be disabled. Each variant states the behaviour without the measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mutation {
     /// Any calibration is accepted.

@@ -314,7 +314,7 @@ impl Running {
         }
     }
 
-    /// The bound beyond which this sample is the second one.
+    /// The reason to end the drive, if this sample is the second one beyond a bound.
     fn bound(&mut self, sample: &Sample) -> Option<PulseOutcome> {
         let moved = |axis: usize| {
             let position_count = sample.position_counts.get(axis).copied().unwrap_or(0);

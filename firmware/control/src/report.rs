@@ -11,7 +11,7 @@ use protocol::{Counters, Safety, State, Status};
 pub(super) const SAFETY_REPORTS: u32 = 10;
 
 impl Controller {
-    /// Reports the safety state when it has changed or is due.
+    /// Reports the safety state once a second, and at once when the calibration's source, the tare or the zero has changed.
     pub(super) fn report_safety(&mut self, now_us: u64, notes: &mut OutboundMessages) {
         let reported = (self.source, self.force.is_tared(), self.force.zero_counts());
         if self.streaming && (self.safety_due == 0 || self.reported != Some(reported)) {

@@ -65,8 +65,8 @@ impl Controller {
     }
 
     /// Notes a keepalive: a new accepted command of the connection that started the motion. Refused commands, and those of other
-    /// connections, do not show that the program which started it still runs. Nor does a frame that arrives again, which the line
-    /// may have repeated: a hello is accepted each time it arrives, so that it is no keepalive at all.
+    /// connections, do not show that the program which started it still runs. Nor does a frame that arrives again, because the line
+    /// may have repeated it. A repeated hello cannot be distinguished from a new one, so that no hello is a keepalive.
     fn heard(&mut self, command: &Command, now_us: u64) {
         if matches!(command.request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
             self.mover = command.connection;

@@ -1,4 +1,5 @@
-//! Retreat: a slow motion that unloads the guide while a fault from the load is latched, for as long as the load falls.
+//! Retreat: a slow motion that unloads the guide while a fault is latched and the load is the only cause to stop, for as long as
+//! the load falls.
 //!
 //! Without it a lead screw would hold the guide under the load, and the cause of the fault would last for ever. A retreat leads
 //! towards the middle of the travel, where the needle is straight, and nowhere else. It ends at its target, once the load is below

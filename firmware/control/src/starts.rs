@@ -5,8 +5,8 @@
 //! Wherever power fails, the largest number so far is in the page that is not being erased. A page holds 64 numbers and endures 10,000
 //! erasures, so that the two pages count 1.28 million starts.
 //!
-//! Numbers only grow, because the largest one is the latest. There are tokens for 2^20 starts ([`crate::commands::first_token`]):
-//! start 2^20 has those of start 0 again, start 2^20 + 1 those of start 1, and so on.
+//! The largest number counts as the latest, so that numbers must only grow. There are tokens for 2^20 starts
+//! ([`crate::commands::first_token`]): start 2^20 has those of start 0 again, start 2^20 + 1 those of start 1, and so on.
 
 /// Number of pages.
 pub const PAGES: usize = 2;

@@ -17,7 +17,7 @@ use nalgebra::linalg::givens::GivensRotation;
 use nalgebra::{Matrix3, RowVector3, Vector2};
 use protocol::{Sample, Stiffness};
 
-/// Periods per filtered reading.
+/// Periods per output of the decimating filters.
 pub const DECIMATION: i32 = 10;
 /// Standard deviation of the displacements below which the slope is not identifiable, millimetres.
 const MIN_SPREAD_MM: f32 = 0.05;

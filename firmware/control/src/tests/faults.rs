@@ -132,8 +132,8 @@ fn a_force_sensor_that_repeats_itself() {
     clears_only_without(&mut bench, |bench| bench.force_stuck = false);
 }
 
-/// Reads forces that all differ, except that the first axis repeats its force in each reading for which `repeats` holds, or that the
-/// reading is missing there. The fault that follows in a second.
+/// Reads forces that all differ, except in the readings for which `repeats` holds: there the first axis repeats its force or, with
+/// `misses`, the reading is missing. Returns the fault that is latched after a second.
 fn fault_of(repeats: impl Fn(u32) -> bool, misses: bool) -> Option<Fault> {
     let mut bench = Bench::new();
     (bench.position_um, bench.noise_n) = ([0.0; 2], 0.0);
@@ -279,7 +279,8 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     assert_eq!([refused, other_keeps_alive, hello, its_own], [silent, silent, silent, None]);
 }
 
-/// A line or a program in between that sends the host's last frames again: each is answered as before, and shows no host.
+/// A line or a program in between that sends the host's last frames again: each is answered as before, and is no sign of life
+/// of the host.
 #[test]
 fn repeated_frames_keep_no_program_alive() {
     let mut bench = Bench::new();
@@ -312,7 +313,7 @@ fn a_repeated_start_of_another_connection_takes_no_program_over() {
     assert_eq!(bench.finish(), Outcome::Completed);
     bench.connection = bench.controller.conversation.begin();
     bench.run(&hold(6_000));
-    bench.answer(repeated).expect("the answer of before");
+    bench.answer(repeated).expect("a repeated frame is answered as before");
     // The host of the program goes on with its requests of the status.
     bench.periods(5_000);
     assert_eq!(bench.controller.interlock.latched(), None);

@@ -55,7 +55,7 @@ fn hum_and_noise_do_not_keep_a_load_beyond_the_range() {
         assert_eq!(ended(&mut bench, &[to_y(9_500)]), Outcome::Faulted);
         bench.push_n[1] = 0.4;
         bench.periods(AT_REST);
-        // Until it is below the limit for single readings too: `NotUnderLoad`.
+        // A further retreat is refused with `NotUnderLoad` once single readings are below the limit too.
         let outcomes: std::vec::Vec<_> = (0..4).map_while(|_| retreat(&mut bench, -1_000).ok()).collect();
         let good = [RetreatOutcome::Unloaded, RetreatOutcome::Moved];
         assert!(
@@ -112,7 +112,7 @@ fn a_retreat_moves_once_the_guide_is_at_rest() {
     assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Unloaded), "the load falls");
 }
 
-/// The load may still be there, and may fall in a retreat that leads back: nothing shows that it does not.
+/// The outcome is not `ForceNotFalling`, although the load may remain: it may fall in a retreat that leads back to the middle.
 #[test]
 fn a_guide_that_coasts_past_the_middle_before_a_retreat_has_moved() {
     let mut bench = at_home();
@@ -135,8 +135,8 @@ fn a_guide_that_coasts_past_the_middle_before_a_retreat_has_moved() {
     assert_eq!(outcomes.collect::<std::vec::Vec<_>>(), [RetreatOutcome::Moved]);
 }
 
-/// A bridge that is shorted drives the guide out of its travel: no motion that is requested ends that. A load beside it is removed by a
-/// retreat once the guide is at rest.
+/// A shorted bridge drives the guide out of its travel, and no requested motion can end that. A load that exists as well is removed
+/// by a retreat once the guide is at rest.
 #[test]
 fn no_retreat_answers_a_motion_out_of_the_travel() {
     let mut bench = at_home();
