@@ -472,7 +472,8 @@ fn every_coordinate_of_a_region_has_a_label() {
     let (_, names) = words.split_last().expect("labels");
     let mut expected = inference::diagnose::region_coordinates().to_vec();
     let mut names = names.to_vec();
-    (expected.sort_unstable(), names.sort_unstable());
+    expected.sort_unstable();
+    names.sort_unstable();
     assert_eq!(names, expected);
 }
 
