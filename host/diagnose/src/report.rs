@@ -295,7 +295,7 @@ impl DiagnosisReport<'_> {
             ("springs", "an elastic body")
         };
         Some(format!(
-            "{chosen_name}{effects_text} in place of {other_name}: these runs are explained about as well (log odds {:+.2}); the interval of K includes both; runs at other \
+            "{chosen_name}{effects_text} in place of {other_name}: this would explain these runs too (log odds {:+.2}); the interval of K includes both; runs at other \
              depths would decide",
             other_foundation.ln_odds
         ))

@@ -279,7 +279,7 @@ impl<'a> Search<'a> {
                 break;
             };
             report(&format!(
-                "{} is missing: log odds {ln_odds:+.1}, stated from {:.1}",
+                "{} is missing: log odds {ln_odds:+.1}, more than {:+.1} needed",
                 best.effect.id(),
                 stated_ln_odds()
             ));

@@ -136,7 +136,7 @@ pub fn edges(values: &[Option<f64>], bins: usize) -> Vec<[f64; 2]> {
     let mut distinct: Vec<[f64; 2]> = Vec::new();
     for value in &sorted {
         match distinct.last_mut() {
-            Some([_, end]) if value - *end <= close => *end = *value,
+            Some([start, end]) if value - *start <= close => *end = *value,
             _ => distinct.push([*value, *value]),
         }
     }

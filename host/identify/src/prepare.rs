@@ -122,7 +122,7 @@ fn force_zero(session: &Session, run: &LateralRun, measured: bool, warnings: &mu
     }
     let (sd_n, because) = match (session.noise.force_zero_n, run.provenance.tared) {
         (Some(sd_n), _) => (sd_n, "as `force_zero_n` states"),
-        (None, Some(true)) => (FORCE_ZERO.typical_sd(), "what drifts after a tare"),
+        (None, Some(true)) => (FORCE_ZERO.typical_sd(), "the usual drift after a tare"),
         (None, Some(false)) => {
             (UNTARED_FORCE_ZERO.sd(), "as the force was not tared: record a hold at zero displacement")
         }
@@ -132,7 +132,7 @@ fn force_zero(session: &Session, run: &LateralRun, measured: bool, warnings: &mu
         ),
     };
     warnings.push(format!(
-        "no hold at zero displacement: the force's zero is assumed to within {sd_n} N, {because}"
+        "no hold at zero displacement: the force's zero is assumed, with a standard deviation of {sd_n} N, {because}"
     ));
     ForceZero::assumed(sd_n)
 }

@@ -88,8 +88,8 @@ impl WallsResult {
             .map_or(String::new(), |[low_kpa, high_kpa]| format!(" ({low_kpa:.2} to {high_kpa:.2} kPa)"));
         let range = match self.not_stated {
             Some(UnknownWalls { edge_mm, held_edge_mm, held, free }) => format!(
-                ", and its interval allows for tissue in a box of {held_edge_mm:.0} mm or more (E times {:.2}) and for a free-standing block of {edge_mm:.0} mm \
-                 or more, up to twice as long (times {:.1})",
+                ", and its interval allows for tissue in a box of {held_edge_mm:.0} mm or more (E times {:.2}) and for a free-standing block \
+                 {edge_mm:.0} mm wide or more, up to twice as long as wide (times {:.1})",
                 held.recip(),
                 free.recip()
             ),

@@ -30,7 +30,7 @@ impl Display for Population {
         if self.shared_effects.is_empty() {
             writeln!(
                 f,
-                "shared       no effect is shared by a rig, needle, tissue, day or all sessions ({} tests)",
+                "shared       no effect is shared by the sessions of a rig, needle, tissue or day, or by all sessions ({} tests)",
                 self.tests
             )?;
         }

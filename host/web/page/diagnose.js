@@ -79,7 +79,7 @@ function showDiagnose() {
           list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,
           found.not_identifiable.length ? h('p', { class: 'note' }, `These runs cannot show: ${found.not_identifiable.map((id) => plainName(id)).join(', ')}`) : null),
         h('section', {}, h('h2', {}, 'Misfit between model and measurement'), boxes.numbers, boxes.bars, boxes.values,
-          h('h2', {}, 'Maps of the residuals'), h('p', { class: 'note' }, 'Mean ', term('residual'), ' per cell in ', term('standard deviations'), ' of its noise, positive towards the displacement of guide 2. Blue: measured below the model. Orange: measured above it.'), boxes.maps)),
+          h('h2', {}, 'Maps of the residuals'), h('p', { class: 'note' }, 'Mean ', term('residual'), ' per cell in ', term('standard deviations'), ' of the noise of one reading. Orange: measured more than the model computes. Blue: less. Force and shape count as positive in the direction in which guide 2 is displaced.'), boxes.maps)),
       h('div', { class: 'beyond' }, section('Regions with significant residuals of the plain model', regions(found)),
         section('Figures of the diagnosis', h('details', {}, h('summary', {}, `${figures.length} figures`), ...figures.map(figure)))),
       saveBar('diagnose', () => found));

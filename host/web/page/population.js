@@ -93,9 +93,15 @@ function groupTable(found) {
     h('thead', {}, h('tr', {}, ...names.map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...found.groups.map(row))));
 }
 
+/** The sessions that share an effect, in words. */
+function sharingSessions({ kind, label, group }) {
+  if (label === 'all') return `in ${group}`;
+  return { shared: `in all sessions of ${label} ${group}`, step: `in the sessions of ${label} ${group} from a date on`, trend: `in the sessions of ${label} ${group}, growing with time` }[kind];
+}
+
 function sharedList(found) {
-  if (found.shared_effects.length === 0) return h('p', {}, `No effect is shared by a rig, needle, tissue, day or all sessions (${found.tests} tests).`);
-  const one = (effect) => h('li', {}, h('code', {}, effect.effect), ` ${{ shared: 'in all sessions', step: 'from a date on', trend: 'growing' }[effect.kind]} of ${effect.label === 'all' ? effect.group : `${effect.label} ${effect.group}`}, ${effect.sessions} sessions: `,
+  if (found.shared_effects.length === 0) return h('p', {}, `No effect is shared by the sessions of a rig, needle, tissue or day, or by all sessions (${found.tests} tests).`);
+  const one = (effect) => h('li', {}, h('code', {}, effect.effect), ` ${sharingSessions(effect)} (${effect.sessions} sessions): `,
     effect.parameters.map((value) => { const [label, unit] = unitOf(value.name); return `${label} ${number(value.value)} (${interval(value.ci95)}) ${unit}`.trim(); }).join(', '),
     `; log evidence ${signed(effect.log_evidence)}`);
   return h('ul', {}, ...found.shared_effects.map(one));

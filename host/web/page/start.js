@@ -4,7 +4,7 @@
 function startPicture() {
   const text = (x, y, words) => h('svg:text', { x, y }, words);
   const rect = (x, y, width, height, style) => h('svg:rect', { x, y, width, height, rx: 4, style });
-  return h('svg:svg', { viewBox: '0 0 900 250', class: 'picture', role: 'img', 'aria-label': 'A needle goes through a fixed guide and a guide that is pushed sideways into soft tissue, which bends it; force, displacement, shape and tip are measured' },
+  return h('svg:svg', { viewBox: '0 0 900 250', class: 'picture', role: 'img', 'aria-label': 'A needle goes through two guides into soft tissue; guide 1 is fixed, guide 2 pushes the needle sideways and bends it; force, displacement, shape and tip are measured' },
     rect(390, 30, 490, 190, 'fill: var(--tissue)'),
     h('svg:line', { x1: 560, x2: 560, y1: 30, y2: 220, style: 'stroke: var(--soft); stroke-dasharray: 6 5' }),
     h('svg:line', { x1: 30, x2: 870, y1: 140, y2: 140, style: 'stroke: var(--line); stroke-dasharray: 3 5' }),

@@ -62,9 +62,9 @@ fn the_warning_states_the_zero_that_is_assumed_and_what_to_do() {
         let line = line.expect("a warning");
         assert!(parts.iter().all(|part| line.contains(part)), "{line}");
     };
-    assumes(warned(None), ["within 0.1 N", "tared = true"]);
-    assumes(warned(Some(false)), ["within 0.1 N", "record a hold at zero displacement"]);
-    assumes(warned(Some(true)), ["within 0.01 N", "after a tare"]);
+    assumes(warned(None), ["standard deviation of 0.1 N", "tared = true"]);
+    assumes(warned(Some(false)), ["standard deviation of 0.1 N", "record a hold at zero displacement"]);
+    assumes(warned(Some(true)), ["standard deviation of 0.01 N", "after a tare"]);
     let measured = Recipe::default().run("a", &mut noise);
     let identification = identify(&session(vec![measured]), &on_springs()).expect("identifies");
     assert!(
