@@ -37,7 +37,7 @@ impl RawTable {
             let count = overloads.map(|value| *value = f64::NAN).count();
             if count > 0 {
                 notes.push(format!(
-                    "\"{}\": {count} readings beyond the range of the instrument, as numbers of more than 64 bits are (9.9e37), are left out",
+                    "\"{}\": {count} readings beyond the range of any instrument, such as 9.9e37, are left out",
                     column.header
                 ));
             }

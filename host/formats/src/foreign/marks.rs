@@ -17,12 +17,12 @@ pub(super) fn take_out(column: &mut RawColumn, lines: &[usize]) -> Vec<String> {
         let Some(mark) = readings.mark(*value, prior, &values) else { continue };
         leave_out(column, &mark);
         notes.push(format!(
-            "line {}: \"{}\": {} readings of {value}, beside {}, are further from the others than these ever are from each other: they mark missing ones and are \
-             left out",
+            "line {}: \"{}\": {value} differs from {} beside it by more than any other two neighbouring readings differ: readings of this value \
+             ({} in all) mark missing ones and are left out",
             lines.get(mark.row).copied().unwrap_or_default(),
             column.header,
-            mark.rows.len(),
-            rounded(mark.beside)
+            rounded(mark.beside),
+            mark.rows.len()
         ));
     }
     notes

@@ -82,7 +82,7 @@ fn steps(table: &RawTable, column: &RawColumn, line: usize) -> Option<[f64; 2]> 
 
 fn words(text: &str, [step, largest]: [f64; 2]) -> String {
     format!(
-        "\"{text}\" and a step of {} there, where neighbours differ by {} at most elsewhere: another zero from here on",
+        "\"{text}\", and a step of {} there; elsewhere neighbouring readings differ by {} at most: another zero from here on",
         rounded(step),
         rounded(largest)
     )

@@ -34,7 +34,7 @@ pub(super) fn of_group(
     if let Some(sd) = determined_fit.common_sd {
         warnings.push(format!(
             "group {group}: the sessions scatter less than their errors state (p below 0.025): these errors are taken to be common to \
-             the sessions of a rig, {:.1} % of the mean's error",
+             the sessions of a rig, and add {:.1} % (sd) to the mean's error",
             100.0 * sd
         ));
     }

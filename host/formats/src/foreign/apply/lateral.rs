@@ -43,8 +43,8 @@ pub(super) fn lateral(
             let on_one_origin = moved.clone().shifted(origin_s);
             let offset = estimate(&force, &on_one_origin)?;
             taken.notes.push(format!(
-                "the files have clocks of their own: {:+.4} s (sd {:.4} s) is added to the times of the displacement, by which it explains {:.1} % of \
-                 the force (--offset-s states another, --merge-on a column that is one clock)",
+                "the files have clocks of their own: {:+.4} s (sd {:.4} s) is added to the times of the displacement, which then explains {:.1} % of \
+                 the force (--offset-s states another offset, --merge-on a column of times that the files share)",
                 offset.offset_s, offset.sd_s, 100.0 * offset.r2
             ));
             taken.offset = Some(offset);
@@ -53,8 +53,8 @@ pub(super) fn lateral(
                 None => Clock::shift(origin_s + offset.offset_s),
                 Some(Drift { rate, sd, r2, clock }) => {
                     taken.notes.push(format!(
-                        "the clocks drift: that of the displacement is taken as {:.3} % (sd {:.3} %) {} beside that of the force, by which it explains \
-                         {:.1} % of the force, and its times are stretched by that (--offset-s takes them as they are)",
+                        "the clocks drift: that of the displacement is taken as {:.3} % (sd {:.3} %) {} beside that of the force, and corrected, so that \
+                         the displacement explains {:.1} % of the force (--offset-s takes its times as they are)",
                         100.0 * rate.abs(), 100.0 * sd, if rate < 0.0 { "fast" } else { "slow" }, 100.0 * r2
                     ));
                     Clock { offset_s: origin_s + clock.offset_s, about_s: clock.about_s - origin_s, ..clock }

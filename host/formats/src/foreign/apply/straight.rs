@@ -55,7 +55,7 @@ pub(super) fn refer_shape(
         Some(doubt) => {
             count_from(shape, &at_rest)?;
             notes.push(format!(
-                "deflection_y_mm is {doubt}, which count from the {} points of the shape before guide 2 moves (--zero written keeps them)",
+                "deflection_y_mm is {doubt}; they are counted from the {} points of the shape before guide 2 moves (--zero written keeps them)",
                 at_rest.len()
             ));
         }
@@ -71,7 +71,9 @@ pub(super) fn refer_shape(
     match shape.doubt(force, options.guide2_m) {
         Some(doubt @ ShapeDoubt::Position { .. }) => Err(no_straight(&doubt)),
         Some(doubt @ ShapeDoubt::Against) => {
-            notes.push(format!("{doubt} A minus before the unit does (--map '...=deflection_y_mm:-mm')"));
+            notes.push(format!(
+                "{doubt} A minus before the unit reverses it (--map '...=deflection_y_mm:-mm')"
+            ));
             Ok(())
         }
         None => Ok(()),

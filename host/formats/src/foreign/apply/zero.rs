@@ -78,7 +78,7 @@ fn decide(values_m: &[f64], force_n: &[f64], begin_m: f64) -> Decision {
     let half_n = 0.5 * (at_begin_n - at_zero_n).abs();
     if at_begin_n.abs() < half_n {
         return Decision::Begin(format!(
-            "{begins}, where the force, {forces}, says that the needle is displaced: it is a position"
+            "{begins}; by the force, {forces}, the needle is displaced at 0, so that these are positions"
         ));
     }
     let reason = if at_zero_n.abs() < half_n {
