@@ -188,8 +188,10 @@ mod tests {
     #[test]
     fn the_ends_of_a_bin_are_values_in_it() {
         let uniform: Vec<f64> = (0..100).map(f64::from).collect();
+        // Neighbours are nearer than two readings of one level may be.
+        let dense: Vec<f64> = (0..5000).map(f64::from).collect();
         let repeated: Vec<f64> = (0..100).map(|i| if i < 60 { 0.0 } else { f64::from(i) }).collect();
-        for values in [uniform, repeated] {
+        for values in [uniform, dense, repeated] {
             let some: Vec<Option<f64>> = values.iter().copied().map(Some).collect();
             let edges = edges(&some, BINS);
             assert!((2..=BINS).contains(&edges.len()), "{edges:?}");
