@@ -377,7 +377,7 @@ mod tests {
         // Two parts that agree are one.
         let [low, high] = interval(&[(1.0, 2.0, 0.5), (3.0, 2.0, 0.5)]).expect("an interval");
         assert!((low - alone[0]).abs() < 1e-9 && (high - alone[1]).abs() < 1e-9, "{low} {high}");
-        // Far apart and of equal weight, each end leaves 5 % of its own part outside.
+        // If two parts of equal weight are far apart, each end leaves 5 % of its own part outside.
         let [low, high] = interval(&[(1.0, -10.0, 1.0), (1.0, 10.0, 1.0)]).expect("an interval");
         let one_in_twenty = 1.644_853_626_951;
         assert!((low + 10.0 + one_in_twenty).abs() < 1e-6 && (high - 10.0 - one_in_twenty).abs() < 1e-6);

@@ -52,7 +52,7 @@ pub(super) fn choose(
     tissue: &Tissue,
     mut report: impl FnMut(&str),
 ) -> Result<Choice, DiagnoseError> {
-    // If the walls are stated, the model contains them, or they are far away.
+    // If the walls are stated, their effect is left out of the catalogue: the model contains them, or they are far away.
     let walls = tissue.walls.map(|_| FINITE_BODY);
     let left_out: Vec<&'static str> = options.left_out.iter().copied().chain(walls).collect();
     let catalogue = Catalogue { laws: options.discovery, left_out: &left_out };

@@ -50,11 +50,12 @@ impl Scale {
     }
 }
 
-/// Sizes that a careful laboratory would overlook reach so many times as far as those of an ordinary rig.
+/// Standard deviation of the sizes that a careful laboratory would overlook, as a multiple of that of an ordinary rig.
 const OVERLOOKED: f64 = 3.0;
 
-/// Prior of an effect's parameter inside the fits: mean and standard deviation of a uniform one over the likely values, or of sizes
-/// that may be overlooked, whichever is narrower.
+/// Prior of an effect's parameter inside the fits. A place or a time has mean and standard deviation of a uniform distribution over the
+/// likely values. Any other parameter has its neutral value as mean, and this standard deviation or that of sizes that may be
+/// overlooked, whichever is smaller.
 pub(super) fn prior(info: &ParameterInfo) -> Prior {
     let scale = Scale::of(info);
     let [low, high] = info.likely.map(|end| scale.inside(end));

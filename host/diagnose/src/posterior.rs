@@ -206,8 +206,8 @@ impl Fitted {
         Some(self.jacobian.iter().zip(column).map(reduced_residual).collect())
     }
 
-    /// The same fit with intervals that are integrated over the sizes of the discrepancy and include the heavy tails of stated
-    /// positions.
+    /// The same fit with intervals that are integrated over the sizes of the discrepancy and include the heavy tails of the
+    /// priors.
     pub fn over_sizes(mut self, patterns: &Patterns) -> Self {
         let parameters = self.layout.parameters(&self.values);
         let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
@@ -218,8 +218,8 @@ impl Fitted {
         self.over_tails()
     }
 
-    /// The same integrated over the heavy tails of priors, for which normal ones stand in a fit. The data's part of such a parameter is
-    /// normal, its product with the tail is not; the other parameters follow its mean and variance.
+    /// The same integrated over the heavy tails of priors, for which normal ones stand in a fit. The likelihood of such a
+    /// parameter is normal, but its product with a heavy-tailed prior is not; the other parameters follow its mean and variance.
     fn over_tails(mut self) -> Self {
         for HeavyTailedParameter { parameter, center, prior } in self.layout.heavy_tailed() {
             let (value, variance) = (self.values[parameter], self.covariance[(parameter, parameter)]);
@@ -231,7 +231,7 @@ impl Fitted {
             }
             self.covariance += &regression * regression.transpose() * (with_tails - variance);
         }
-        // The regression is linear and knows no range; a mean over values of a range lies in it.
+        // The regression is linear and may leave the range of a parameter, in which every mean lies; therefore the values are clipped.
         let ranges = self.layout.parameters(&self.values);
         for (value, range) in self.values.iter_mut().zip(&ranges) {
             *value = value.clamp(range.least, range.most);

@@ -68,10 +68,11 @@ pub(super) struct Scores {
     ln_modulus: Vec<f64>,
 }
 
-/// Largest ratio of the noise's variance to the assumed one: it is estimated itself.
+/// Largest ratio of the variance of the noise to the assumed variance, which is an estimate.
 pub(super) const NOISE_TOLERANCE: f64 = 1.1;
-/// Rounds in which a normal prior that stands for one with heavy tails follows an amplitude. Where data determine the amplitude the prior's
-/// share of it is small and the error falls by that share in each; where they do not, the prior hardly moves. A fit ends the same later.
+/// Rounds in which the normal prior that stands for one with heavy tails is adapted to an amplitude. If the data determine the amplitude, the
+/// prior has a small share in it, and every round multiplies the error by that share; if they do not, the prior hardly changes. A fit ends
+/// at the same prior, in more rounds.
 const REWEIGHTINGS: usize = 4;
 /// A likely effect of fewer standard deviations than this is not identifiable.
 const MIN_SIGNIFICANCE: f64 = 2.0;
@@ -127,7 +128,7 @@ impl Scores {
                 let is_seen = log_evidence > stated_ln_odds();
                 let visible: Vec<bool> =
                     hypotheses.iter().map(|hypothesis| self.is_visible(hypothesis)).collect();
-                // An effect that the runs cannot show has rounding over rounding.
+                // The chi-square of a hypothesis that the runs cannot show is a quotient of rounding errors.
                 let of_visible = of_ways.iter().zip(&visible).filter(|(_, is_visible)| **is_visible);
                 Score {
                     effect: *effect,

@@ -27,7 +27,7 @@ use readings::FitError;
 use scored::AroundStart;
 use std::sync::{Mutex, PoisonError};
 
-/// Effects that are added at most: every further one costs the whole search again.
+/// Largest number of effects that are added: every further one costs the whole search again.
 const MAX_EFFECTS: usize = 3;
 
 pub(super) use leaders::leading;
@@ -39,8 +39,8 @@ pub(super) struct Search<'a> {
     pub patterns: &'a Patterns,
     pub judge: &'a Judge,
     pub catalogue: Catalogue<'a>,
-    /// Candidates beside the models that were searched around already: what may be in the place of an effect is asked beside models of
-    /// which most were steps of the search.
+    /// Candidates beside the models around which the search has already been. The alternatives to an effect are candidates beside the
+    /// model without it, which is usually one of these models.
     memo: Mutex<Vec<Asked>>,
     around_start: AroundStart,
 }
@@ -57,7 +57,7 @@ struct Set {
     fitted: Fitted,
     /// The effects of this fit that were added.
     members: Vec<Member>,
-    /// All effects beside it, to which none of them was added; empty where it ended otherwise.
+    /// All candidates beside this fit, none of which was added; empty if the search ended for another reason.
     last: Vec<Candidate>,
 }
 
@@ -99,7 +99,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Every name that may be missing beside a fit, and every law where laws are searched for: the likeliest first.
+    /// All effects with a name beside a fit, and all laws if `with_laws`, most probable first.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -130,7 +130,7 @@ impl<'a> Search<'a> {
         Ok(candidates)
     }
 
-    /// These names with their standing, beside the laws where these are searched for.
+    /// These named effects, and the laws beside the fit if `with_laws`, with their odds and their standing.
     fn judged(
         &self,
         base: &Fitted,
@@ -201,7 +201,7 @@ impl<'a> Search<'a> {
         Ok(ModelPrior::new(names, discover::shown(self.start, self.catalogue.left_out).len()))
     }
 
-    /// Logarithm of the weight of the start, or of the likeliest name beside it that is possible.
+    /// Logarithm of the largest weight of the start and of the models with one possible named effect beside it.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -259,10 +259,10 @@ impl<'a> Search<'a> {
             if adequacy.is_within_noise() && !first.is_empty() {
                 break;
             }
-            // A law has nothing but its fit, and every rig has imperfections that some law describes: one is looked for where more is left
-            // than these leave, in the runs or in what was held out of them, or where names say that something is missing: it need not
-            // be the name that comes nearest. An effect that two sessions share is not named beside a reference, and an effect that
-            // differs is to have a plain name.
+            // A law is supported by its fit alone, and some law describes the imperfections of every rig. Therefore laws are tried only if
+            // the misfit of the training runs or of the held-out data exceeds such imperfections, or if an effect of the catalogue is
+            // missing, in whose place a law may be better. With a reference no law is tried: an effect that both sessions share is not
+            // named, and one by which they differ needs a name of the catalogue.
             let may_have_laws = self.catalogue.laws && current.layout.reference.is_none();
             let is_left = !adequacy.is_adequate() || !self.judge.is_chance(&current);
             let mut candidates = self.candidates(&current, prior, may_have_laws && is_left)?;
@@ -285,8 +285,8 @@ impl<'a> Search<'a> {
             ));
             current = self.without_needless(best.fitted, prior);
         }
-        // A better effect in the place of one that was taken early shows only once the others are there; and what another effect has made
-        // needless since is no longer one.
+        // An effect that is better than one of the first shows only after the later ones were added, and a later effect may have made an
+        // earlier one needless.
         let mut members = self.members(&current, first, prior)?;
         let mut visited = vec![current.layout.clone()];
         while let Some(better) = self.better(&current, &members) {
@@ -302,8 +302,9 @@ impl<'a> Search<'a> {
         Ok(Set { fitted: current, members, last })
     }
 
-    /// A model with laws beside which something is left, in the runs and in what was held out of them: they describe a part of what is missing, which is none of the models that were
-    /// compared, so that their probabilities among these say nothing. A name has its physics besides; a law has nothing but its fit.
+    /// The model, if it has laws and leaves a significant misfit of the training runs and of the held-out data. The laws then describe only
+    /// a part of what is missing: the true model is none of those that were compared, so that their probabilities are not informative. An
+    /// effect of the catalogue is also supported by its physics, a law only by its fit.
     fn described(&self, current: &Fitted) -> Result<Option<Fitted>, FitError> {
         let effects = current.layout.effects.iter().skip(current.layout.given);
         if !effects.clone().any(|effect| effect.is_unnamed()) {
@@ -314,7 +315,7 @@ impl<'a> Search<'a> {
         Ok(is_left.then(|| current.clone()))
     }
 
-    /// The same with names alone.
+    /// The model without its laws, fitted again.
     fn without_laws(&self, fitted: &Fitted) -> Fitted {
         let mut current = fitted.clone();
         for index in (current.layout.given..current.layout.effects.len()).rev() {
@@ -327,12 +328,12 @@ impl<'a> Search<'a> {
         current
     }
 
-    /// The likeliest effect that is missing, with the odds that any is, where these are high enough to state it.
+    /// The most probable missing effect, and the log odds that any effect is missing; `None` if these are too low for a statement.
     fn missing(&self, candidates: &[Candidate], base: &Fitted) -> Option<(Explanation, f64)> {
         let explanations = explanations_of(candidates);
         let ln_odds = ln_sum(explanations.iter().map(|one| one.ln_odds));
         let best = explanations.into_iter().next()?;
-        // Without the effect there may be a better fit where the discrepancy has the sizes that it has with it.
+        // With the sizes of the discrepancy in the fit with the effect, the model without the effect may fit better than before.
         let again = self.fit(&base.layout, base.values(), &best.fitted.sizes, MAX_ROUNDS);
         let better = again.map_or(0.0, |again| (again.log_evidence - base.log_evidence).max(0.0));
         let ln_odds = ln_odds - better;
@@ -348,7 +349,7 @@ impl<'a> Search<'a> {
             && self.judge.held_out_shrinks_in(base, fitted, kinds)
     }
 
-    /// Without what is no longer likely once something better is there.
+    /// The model without the first of the earlier effects that the last one has made improbable; unchanged if there is none.
     fn without_needless(&self, fitted: Fitted, prior: &ModelPrior) -> Fitted {
         let count = fitted.layout.effects.len();
         for index in fitted.layout.given..count.saturating_sub(1) {
@@ -418,7 +419,8 @@ impl<'a> Search<'a> {
         let in_place = members.iter().find_map(|member| {
             let best = member.class.first()?;
             let own = current.layout.effects.get(member.index)?;
-            // Nor may it make the held-out misfit grow, but where its own effect is no explanation: refuted, or a name in other words.
+            // The exchange must not increase the held-out misfit, unless the present effect is not in its own class: it is then refuted, or
+            // is a law that predicts the same as a named effect.
             let is_explanation = member.class.iter().any(|one| one.effect.id() == own.id());
             let is_better = best.effect.id() != own.id()
                 && (!is_explanation || self.judge.held_out_shrinks(current, &best.fitted));

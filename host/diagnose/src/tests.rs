@@ -79,7 +79,7 @@ fn the_diagnosis_does_not_depend_on_the_number_of_threads() {
     let session = session(&truth(vec![("rig.backlash", vec![0.06])]), &Design::four_runs(), 3);
     let [with_one, with_four] = [1, 4].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        // Written out, numbers differ where any of their bits does.
+        // The texts of two numbers differ if any of their bits does.
         pool.install(|| {
             format!("{:?}", diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis"))
         })
@@ -109,7 +109,7 @@ fn errors_of_imaging_are_found_where_it_is_stated_how_the_shape_was_imaged() {
 }
 
 /// If guide 2 moves along the beam only, a wrong speed of sound equals a wrong scale of the shape; motion across the beam separates them. A
-/// probe turned by 90 degrees would too, but by hand.
+/// probe turned by 90 degrees would separate them, too, but has to be turned by hand.
 #[test]
 fn motion_across_the_beam_separates_the_speed_of_sound_from_the_scale_of_the_image() {
     let mut design = Design::imaged();
@@ -173,7 +173,7 @@ fn what_has_no_name_is_not_named() {
 }
 
 #[test]
-#[ignore = "the search for laws goes through all it has, a minute: cargo xtask test --all runs it"]
+#[ignore = "a search that tries every law, a minute: cargo xtask test --all runs it"]
 fn what_no_law_describes_gets_no_law() {
     assert_unexplained(&Options::default());
 }

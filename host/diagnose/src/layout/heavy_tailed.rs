@@ -69,7 +69,7 @@ impl HeavyTailed {
             return None;
         }
         let (mean, sd) = (value / (variance * of_data), of_data.sqrt().recip());
-        // Both the data and the core of the prior are within this, which is as fine as the narrower of them needs.
+        // The grid contains the data and the core of the prior, with a step that is fine enough for the narrower of the two.
         let reach = mean.abs() + 8.0 * sd.max(self.scale);
         let step = (0.1 * sd.min(self.scale)).max(reach / 20_000.0);
         let count = (reach / step).ceil() as i32;
@@ -137,11 +137,11 @@ mod tests {
         }
     }
 
-    /// Data that say much leave their value; data that say little leave the prior's spread.
+    /// Informative data determine the value; uninformative data leave the spread of the prior.
     #[test]
     fn moments_are_those_of_data_and_tail() {
         let with_data = |mean: f64, data_sd: f64| {
-            // The fit's end: mean and variance under the stand-in.
+            // Mean and variance at which a fit ends, with the normal prior that stands for this one.
             let mut value = mean;
             for _ in 0..200 {
                 value = mean / (1.0 + (data_sd / PRIOR.sd_at(value)).powi(2));

@@ -70,10 +70,10 @@ impl<'a> Iteration<'a> {
         Ok(self)
     }
 
-    /// One round: a step, and the model linearised behind it. A fit that has settled stays.
+    /// One round: a step, after which the model is linearised again. A fit that has settled stays.
     ///
     /// # Errors
-    /// [`FitError`] where there is no step, or the model has no derivative behind it.
+    /// [`FitError`] if there is no step, or the model has no derivatives after it.
     pub fn advance(&mut self) -> Result<(), FitError> {
         if self.settled {
             return Ok(());
@@ -92,8 +92,8 @@ impl<'a> Iteration<'a> {
             (self.point, self.settled) = (next, is_short);
             return Ok(());
         }
-        // No shorter step is better either. Where the linearised model promises more a place that data jump over may be in between: the
-        // other side is tried once.
+        // No fraction of the step lowers the objective. If the linearised model promises more, the objective may have a jump on the way,
+        // where a place passes readings: the fit continues once from the end of the whole step.
         let there = if self.before_jump.is_none() && !is_short {
             stepped(layout, runs, &self.point, &step)
         } else {

@@ -9,9 +9,10 @@ use crate::layout::{NORMAL_975, Scale};
 use nalgebra::{DMatrix, DVector};
 
 const MM: f64 = 1e-3;
-/// Steps of differences along parameters, in posterior standard deviations: a boundary of layers moves a mean by steps of its own.
+/// Steps of the numerical derivatives, in posterior standard deviations. They are long because a mean changes in jumps with a boundary of
+/// layers.
 const SLOPE_SD: f64 = 0.5;
-/// A discrepancy this many times the ordinary one is larger.
+/// A discrepancy counts as larger than that of an ordinary rig if it exceeds this multiple of it.
 const LARGER: f64 = 1.1;
 
 impl Fitted {
@@ -119,8 +120,8 @@ impl Fitted {
 
     /// Standard deviation of that change under a discrepancy of these sizes. The estimate with noise alone is a less efficient
     /// one of the same modulus, so that the two differ by chance (theory, eq. 67; Hausman 1978): in units of the priors, with
-    /// `G = J^T J`, `u = (G + 1)^-1 e_1` and `v` the variance with the discrepancy, `u^T J^T S J u + |G u|^2 - 2 (G u)_1 + 1
-    /// - v`.
+    /// `G = J^T J`, `u = (G + 1)^-1 e_1`, `S` the covariance of noise and discrepancy and `v` the variance with the discrepancy, it
+    /// is the root of `u^T J^T S J u + |G u|^2 - 2 (G u)_1 + 1 - v`.
     pub fn sd_of_change_without_discrepancy(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
         let parameters = self.layout.parameters(&self.values);
         let no_columns: Vec<DMatrix<f64>> =

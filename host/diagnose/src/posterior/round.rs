@@ -42,8 +42,8 @@ pub(crate) fn residuals(
         .collect()
 }
 
-/// Derivative of the whitened predictions by the parameters: what is known of the first of them, then central differences, one-sided
-/// ones at the end of a range.
+/// Derivatives of the whitened predictions with respect to the parameters: the known ones of the first parameters, then central differences,
+/// which are one-sided at the end of a range.
 pub(crate) fn jacobian(
     layout: &Layout,
     runs: &[Prepared],
@@ -83,7 +83,7 @@ pub(crate) fn jacobian(
     Ok(run_columns)
 }
 
-/// Scalar products of sensitivities in units of the priors and of the residuals from the prior means.
+/// Scalar products of the sensitivities, in units of the priors, and of the residuals at the prior means.
 pub(super) fn products(
     patterns: &Patterns,
     parameters: &[Parameter],
@@ -100,7 +100,7 @@ pub(super) fn products(
         for (j, (sd, prior_distances)) in sds.iter().zip(&prior_distances).enumerate() {
             let mut column = columns.column_mut(j);
             column *= *sd;
-            // The residuals of the prior mean, as far as the linearisation goes.
+            // The residuals at the prior means according to the linearised model.
             last.axpy(*prior_distances, &column, 1.0);
         }
         columns.set_column(count, &last);
@@ -110,8 +110,9 @@ pub(super) fn products(
     patterns.products(&columns)
 }
 
-/// The step to the likeliest point of the linearised model within the ranges, shortened where it is long; nothing where it makes no sense. A
-/// parameter that would leave its range stays on its end, and the others follow: what a rigid frame cannot do is not left to the clearance.
+/// The step to the most probable point of the linearised model within the ranges, shortened if it is too long; `None` if there is none. A
+/// parameter that would leave its range stays at the bound, and the others are solved for conditional on that: otherwise a clearance, for
+/// example, would compensate for a negative compliance.
 pub(super) fn step(parameters: &[Parameter], values: &[f64], evidence: &Evidence) -> Option<Vec<f64>> {
     let count = parameters.len();
     let precision = evidence.covariance.clone().cholesky()?.inverse();
@@ -179,7 +180,7 @@ pub(crate) fn misfit(patterns: &Patterns, sizes: &[f64], residuals: &[Vec<f64>])
     Some(Metric::new(patterns, sizes)?.misfit(residuals))
 }
 
-/// The point behind a whole step; nothing where the model has no solution there.
+/// The point after a whole step; `None` if the model has no solution there.
 pub(super) fn stepped(layout: &Layout, runs: &[Prepared], from: &Point, step: &[f64]) -> Option<Point> {
     let values: Vec<f64> = from.values.iter().zip(step).map(|(value, step)| value + step).collect();
     Some(Point { residuals: residuals(layout, runs, &values).ok()?, values })

@@ -8,8 +8,8 @@ use mechanics::effects::Effect;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::sync::Arc;
 
-/// Directions of some effects as columns, with their products with each other and with the patterns of the discrepancy: all that is the same around
-/// every fit near the one around which they were made.
+/// Directions of some effects as columns, with their products with each other and with the patterns of the discrepancy. All these are the
+/// same for every fit near the one around which they were computed.
 #[derive(Debug)]
 pub(crate) struct Columns {
     hypotheses: Arc<[(&'static dyn Effect, Vec<Hypothesis>)]>,

@@ -8,7 +8,7 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// One hypothesis in which an effect may act: a place or time, and the directions of its amplitudes.
+/// One hypothesis of an effect: a place or time at which it acts, and the directions of its amplitudes.
 #[derive(Debug, Clone)]
 pub(in crate::score) struct Hypothesis {
     /// Values of the parameters at amplitudes of one, each alone.
@@ -98,8 +98,8 @@ fn values_at(fitted: &Fitted, effect: &dyn Effect, probe: &[f64]) -> Vec<f64> {
     values
 }
 
-/// Change of the predictions of a run; nothing where the run does not show the effect, or where it is impossible at this size (a needle that
-/// buckles).
+/// Change of the predictions of a run; zero if the run does not show the effect, or if the model has no solution with the effect of this size
+/// (a needle that buckles).
 fn direction(
     layout: &Layout,
     values: &[f64],
@@ -118,7 +118,7 @@ fn direction(
     }
 }
 
-/// Every hypothesis in which an effect may act.
+/// Every hypothesis of an effect.
 fn hypotheses_of(effect: &'static dyn Effect) -> Vec<Hypothesis> {
     let infos = effect.parameters();
     let places: Vec<Option<f64>> = match infos.iter().find(|info| !info.nodes.is_empty()) {

@@ -62,7 +62,7 @@ impl Scores {
         (best.0 > 0.0).then_some(best.1)
     }
 
-    /// The direction and the amplitude from which on an effect has a name with this probability; nothing where none in its range has.
+    /// The direction and the amplitude from which on an effect is named with this probability; `None` if no amplitude in its range is.
     fn smallest(&self, effect: usize, needed: f64, probability: f64) -> Option<(usize, f64)> {
         let column = self.best_column(effect)?;
         let (tried_effect, hypotheses) = self.hypotheses.get(effect)?;
@@ -102,7 +102,7 @@ impl Scores {
         Some((column, high))
     }
 
-    /// Other effects that predict the same, as far as any run tells, as one of this size.
+    /// Other effects that these runs cannot distinguish from an effect of this amplitude.
     fn alike(&self, effect: usize, (column, amplitude): (usize, f64)) -> Vec<&'static str> {
         let square = self.gram[(column, column)];
         let is_alike = |other: usize| {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use readings::FitError;
 use std::sync::PoisonError;
 
-/// Models from which the search begins again, at most: each costs the whole search.
+/// Largest number of models from which the search begins again: each costs the whole search.
 const MAX_BEGINNINGS: usize = 4;
 
 /// A model from which the search begins again.
@@ -24,9 +24,9 @@ pub(super) struct Beginning {
 }
 
 impl Search<'_> {
-    /// Models from which the search may come to a likelier set than this one, likeliest first: each candidate beside the start, with the
-    /// best name or law beside it. An effect that imitates two others is found before each of them, and no exchange of one effect leads
-    /// from it to the two. A model that predicts what was held out worse leads nowhere, however well it describes what was not.
+    /// Models from which the search may come to a likelier set than this one, likeliest first: each candidate beside the start, alone or
+    /// with the best name or law beside it. An effect that imitates two others is found before each of them, and no exchange of one effect
+    /// leads from it to the two. A model with a larger held-out misfit is no beginning, however well it fits the training runs.
     pub(super) fn beginnings(
         &self,
         set: &Set,
@@ -35,7 +35,7 @@ impl Search<'_> {
     ) -> Result<Vec<Beginning>, FitError> {
         let added: Vec<&'static dyn Effect> =
             set.fitted.layout.effects.iter().skip(set.fitted.layout.given).copied().collect();
-        // Names have their physics besides their fit: where they leave nothing no other set is asked for.
+        // Named effects are also supported by their physics: if they leave no significant misfit, no other set is tried.
         let has_law = added.iter().any(|effect| effect.is_unnamed());
         let is_left = || -> Result<bool, FitError> {
             let adequacy = Adequacy::of(&set.fitted, self.runs, self.patterns)?;
@@ -79,7 +79,7 @@ impl Search<'_> {
         Ok(beginnings)
     }
 
-    /// A model with the best name, and with the best law, beside it by their scores.
+    /// A model with the named effect of the best score beside it, and one with the law of the best score.
     fn pairs_with(&self, fitted: &Fitted) -> Result<Vec<Fitted>, FitError> {
         let [names, laws] = self.foreseen(fitted)?;
         let best = [names.first(), laws.first()].into_iter().flatten();
@@ -93,7 +93,8 @@ impl Search<'_> {
         Ok(best.filter_map(pair).collect())
     }
 
-    /// The pair of an effect with that of a model, where the search has asked already for what is missing beside the former; nothing in it where others were ahead.
+    /// The fit of this effect together with the last one of a model, if the search already has the candidates beside this effect;
+    /// `Some(None)` if the other effect was not fitted there, because others were ahead.
     fn pair_beside(&self, effect: &dyn Effect, with: &Fitted) -> Option<Option<Fitted>> {
         let second = with.layout.effects.last()?;
         let mut effects: Vec<&'static str> = self.start.layout.effects.iter().map(|own| own.id()).collect();

@@ -10,17 +10,18 @@ use mechanics::effects::Effect;
 use mechanics::terms::{Regressor, Scope, Site};
 use rayon::prelude::*;
 
-/// Leaders that are fitted, of names and of laws, and how far behind the best they may be by score: scores are those of small effects.
+/// Largest number of leading candidates that are fitted, of names and likewise of laws, and how far their scores may be behind the best one,
+/// in nats and as a share of it: a score is exact for small effects only.
 pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
 const BEHIND_SHARE: f64 = 0.7;
 /// A score below which an effect is not fitted.
 const MIN_SCORE: f64 = -2.0;
-/// Rounds of the first fit; the best of these, and all that are not far behind them, go on until they settle.
+/// Rounds of the first fits, and number of the best fits that are continued until they converge; so are fits that are not far behind.
 const FIRST_ROUNDS: usize = 2;
 const MAX_SETTLED: usize = 5;
-/// Shares of the likely size of an effect, and steps of the modulus, from which a fit starts that first rounds have not brought to where its
-/// score says that it is: each twice the one before, and as far as these rounds go.
+/// Shares of the likely size of an effect, and steps of the modulus, at which a further fit may start if the first one has less evidence than
+/// its score promises. Every share is twice the one before; the modulus moves as far as in the first rounds.
 const LIKELY_SHARES: [f64; 4] = [0.125, 0.25, 0.5, 1.0];
 const MODULUS_STEPS: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
 /// Logarithm of odds of one in a thousand: a first fit that is less likely is not continued.
@@ -29,7 +30,7 @@ const NEGLIGIBLE: f64 = -7.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pair(Site, Scope, Regressor);
 
-/// Effects of one kind are forms of each other.
+/// Laws of one kind differ only in their form; a named effect is a kind of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Kind {
     Law(Pair),
@@ -59,14 +60,14 @@ impl Search<'_> {
     /// Fits the candidates with the best scores, best first, and weights them.
     pub fn weigh(&self, base: &Fitted, ranked: Vec<Score>, prior: &ModelPrior) -> Vec<Candidate> {
         let best = ranked.first().map_or(0.0, |score| score.log_evidence);
-        // A hypothesis whose score has the evidence of a name is fitted however far behind it is.
+        // A candidate whose log evidence by its score exceeds the log odds of a statement is fitted, however far it is behind the best.
         let near = leading(best).min(stated_ln_odds());
-        // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
+        // An effect is costly if every evaluation iterates at every depth; it is tried only if its score is above 0.
         let least = |score: &Score| if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
         let is_promising =
             |score: &Score| score.is_identifiable && score.log_evidence > near.max(least(score));
-        // Effects that the runs cannot show have a score of 0, above many that are worth a fit: they take no place among the leaders. Nor do
-        // forms of one law beside the best of them, so that laws at other sites are fitted, too.
+        // Effects that the runs cannot show have a score of 0, above many that are worth a fit: they take no place among the leaders. Only
+        // the best law of a site and regressor takes a place, so that laws at other sites are fitted, too.
         let mut pairs = Vec::new();
         let mut leads = |score: &Score| {
             let pair = Pair::of(score.effect);
@@ -102,8 +103,8 @@ impl Search<'_> {
             })
             .for_each(|candidate| candidate.refit = self.refit(base, &candidate.score));
         candidates.sort_by(by_promise);
-        // A fit that has not come to its end goes on where it promises no less than others have; and one whose score promises more than any fit
-        // has, from another place, too.
+        // A fit that has not converged is continued unless it promises far less than the best fit has reached. If its score promises more
+        // than any fit has reached, a further fit starts from another place.
         let best_gain = candidates.iter().map(Candidate::gain).fold(f64::NEG_INFINITY, f64::max);
         let near = best_gain + NO_WEIGHT;
         let promised_score = least_promised_score(&candidates, best_gain.max(0.0));
@@ -125,7 +126,7 @@ impl Search<'_> {
                 let start = self.best_of_likely(fitted, effect, &sizes);
                 ends.extend(self.fit(&fitted.layout, &start, &sizes, MAX_ROUNDS));
             }
-            // The first rounds may have ended higher only where they ended beyond a range.
+            // The further fit replaces the first one even if its evidence is lower: it begins off the bounds, on which the first may have ended.
             if let Some(again) = ends.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence)) {
                 *gain += again.log_evidence - fitted.log_evidence;
                 *fitted = again;
@@ -149,8 +150,8 @@ impl Search<'_> {
         Fitted::new(layout, self.runs, self.patterns, starts, sizes, rounds).ok()
     }
 
-    /// The best place for a fit among likely sizes of its last effect and moduli that first rounds do not reach; at these sizes of the
-    /// discrepancy.
+    /// Start of a further fit: on a grid of likely sizes of the last effect and of moduli, the values at which the objective with these
+    /// sizes of the discrepancy is smallest.
     fn best_of_likely(&self, fitted: &Fitted, effect: &dyn Effect, sizes: &[f64]) -> Vec<f64> {
         let first = fitted.values().len() - effect.parameters().len();
         let mut starts = vec![fitted.values().to_vec()];
@@ -193,14 +194,14 @@ impl Search<'_> {
         if is_costly {
             starts.truncate(1);
         }
-        // The rest of the model changes little with the effect: good enough to judge what it is worth.
+        // The effect changes the sensitivities to the other parameters little: those of the model without it suffice to judge its evidence.
         let problem =
             Problem { layout: &layout, runs: self.runs, patterns: self.patterns, known: &base.jacobian };
         let mut fits: Vec<Iteration> =
             starts.iter().filter_map(|from| Iteration::new(problem, from, &sizes).ok()).collect();
         for _ in 0..FIRST_ROUNDS {
-            // Which place is best shows only once the rest of the model has followed; a place whose linearised model promises less than
-            // another one has reached is not.
+            // The best place shows only after the other parameters have followed. A place is given up if the model linearised there promises
+            // less evidence than another place has reached.
             let reached = fits.iter().filter_map(Iteration::reached).fold(f64::NEG_INFINITY, f64::max);
             fits.retain(|fit| fit.promised() >= reached);
             fits = fits.into_iter().filter_map(|fit| fit.after(1).ok()).collect();
@@ -212,8 +213,8 @@ impl Search<'_> {
     }
 }
 
-/// The score from which on a first fit that was not at its end goes on although it is behind: its score promises more than any fit has
-/// reached, as where the plain model was fitted far from the true modulus and the first rounds did not come back.
+/// Score from which on a fit that has not converged is tried from another place. Such a score promises more than any fit has reached, for
+/// example because the plain model has a modulus far from the true one and the first rounds did not come back.
 fn least_promised_score(candidates: &[Candidate], best_gain: f64) -> f64 {
     let mut promised_scores: Vec<f64> = candidates
         .iter()

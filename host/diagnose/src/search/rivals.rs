@@ -6,7 +6,7 @@ use super::super::split::Losses;
 use super::super::weights::{indistinct, is_refuted, ln_sum, same, stated_ln_odds};
 use super::Search;
 
-/// A model by what was held out.
+/// Judgement of a model by the held-out data.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Judged {
     /// Logarithm of its odds.
@@ -26,11 +26,12 @@ fn is_refuted_beside_instruments(rival: &Rival<'_>, by: &Rival<'_>) -> bool {
 }
 
 impl Search<'_> {
-    /// Models, each with the logarithm of its odds, by what was held out. One is refuted by another that could be stated alone, has no less
-    /// evidence and is not refuted itself, where the density that it gives what was held out is lower beyond chance. Where it only
-    /// explains less beside the instruments alone, imperfections of an ordinary rig may be at work, which absorb much of what a wrong
-    /// effect leaves and are in the evidence: it loses what its prior has over the other's, and evidence is left to decide. Two models
-    /// that no run tells apart do nothing to each other, whatever sizes of the discrepancy their fits have.
+    /// Judges models, each with the logarithm of its odds, by the held-out data. A model is refuted by another one that could be stated
+    /// alone, has no less evidence, is not refuted itself and gives the held-out data a significantly higher density. A model that only
+    /// leaves a significantly larger misfit, with the errors of the instruments and differences between runs as nuisances, is not
+    /// refuted: other imperfections of an ordinary rig may be the cause, which absorb much of the misfit of a wrong effect and are part
+    /// of the evidence. But it loses any advantage of its prior over that of the other model, so that the evidence decides. Two
+    /// models that no run distinguishes do not affect each other, whatever sizes of the discrepancy their fits have.
     pub(super) fn by_held_out<'f>(
         &self,
         models: impl Iterator<Item = Option<(f64, &'f Fitted)>>,
@@ -67,8 +68,8 @@ impl Search<'_> {
         judged
     }
 
-    /// Whether the predictions of two models for the training runs are nearer than this squared distance, beside noise and the imperfections
-    /// of an ordinary rig, as far as both fits have these.
+    /// Whether the squared distance of the predictions of two models for the training runs is below `least`. The metric has noise and
+    /// imperfections, each with the smaller of its sizes in the two fits, and at most the size of an ordinary rig.
     fn is_near(&self, one: &Fitted, other: &Fitted, least: f64) -> bool {
         let differences: Vec<Vec<f64>> = one
             .residuals
@@ -76,7 +77,7 @@ impl Search<'_> {
             .zip(&other.residuals)
             .map(|(one, other)| one.iter().zip(other).map(|(one, other)| one - other).collect())
             .collect();
-        // Imperfections only take from a distance beside noise alone.
+        // Imperfections can only reduce the distance in the metric of noise alone.
         if differences.iter().flatten().map(|difference| difference * difference).sum::<f64>() < least {
             return true;
         }
@@ -89,7 +90,7 @@ impl Search<'_> {
         misfit(self.patterns, &sizes, &differences).is_some_and(|apart| apart < least)
     }
 
-    /// The same without laws that predict what a name, or a simpler law, does: they are that. Their weight is its weight.
+    /// The explanations, in which a named effect or a simpler law replaces every law that predicts the same; the odds of both are added.
     pub(super) fn distinct(&self, all: Vec<Explanation>) -> Vec<Explanation> {
         let (mut explanations, mut laws): (Vec<Explanation>, Vec<Explanation>) =
             all.into_iter().partition(|one| !one.effect.is_unnamed());
@@ -98,8 +99,8 @@ impl Search<'_> {
             a.effect.parameters().len().cmp(&b.effect.parameters().len()).then(by_odds)
         });
         for law in laws {
-            // Two laws extrapolate differently, so that both stay in a class until their predictions are the same, as those of a step beyond
-            // all runs and of a constant are.
+            // Two laws extrapolate differently. Therefore both stay in a class unless their predictions are equal, like those of a constant
+            // and of a step beyond all runs.
             let is_that = |other: &&mut Explanation| {
                 let least = if other.effect.is_unnamed() { same() } else { indistinct() };
                 self.is_near(&other.fitted, &law.fitted, least)
@@ -120,7 +121,7 @@ mod tests {
     use crate::tests::truth;
     use worlds::Design;
 
-    /// A step that begins before all runs predicts what the name does, but for a plane that the name has besides.
+    /// A step that begins before all runs predicts the same as the named effect, which has a second plane besides.
     #[test]
     fn a_name_is_not_refuted_by_a_law_of_the_same_predictions() {
         for seed in [1, 2, 3] {

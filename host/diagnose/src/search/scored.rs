@@ -14,7 +14,8 @@ use mechanics::terms::Law;
 use readings::FitError;
 use std::sync::OnceLock;
 
-/// Pairs of site and regressor whose laws are evaluated around a fit: scores with the directions of the start have another order.
+/// Largest number of pairs of site and regressor whose laws are evaluated around a fit: more than are fitted, because the directions of the
+/// start put the scores in a different order.
 const MAX_EVALUATED: usize = 2 * MAX_LEADERS;
 
 /// Directions around the start.
