@@ -141,7 +141,7 @@ impl Check {
     /// Meaning of a named effect, in words.
     pub fn of_names(&self) -> String {
         format!(
-            "log evidence {:+.1}: {:.0} % of the probability, over {} effects that these runs can show",
+            "needs log evidence {:+.1}, that is, a probability of {:.0} % among {} effects that these runs can show",
             self.needed,
             100.0 * STATED_PROBABILITY,
             self.effects.len()

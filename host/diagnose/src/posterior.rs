@@ -91,7 +91,8 @@ impl Fitted {
         self.covariance[(parameter, parameter)].sqrt()
     }
 
-    /// Sensitivities of every run's predictions to the parameters, in units of their priors, and the unit of the first, the logarithm of the modulus.
+    /// Sensitivities of every run's predictions to the parameters, in units of the standard deviations of their priors, and this unit of the
+    /// first parameter, the logarithm of the modulus.
     pub fn scaled_jacobian(&self) -> (Vec<DMatrix<f64>>, f64) {
         let sds: Vec<f64> = self.layout.parameters(&self.values).iter().map(prior_sd).collect();
         let mut scaled = self.jacobian.clone();

@@ -242,7 +242,8 @@ impl<'a> Search<'a> {
         Ok(Found { fitted, members, described, first, last, prior })
     }
 
-    /// Adds what is missing to a model, and exchanges and removes what has become unlikely; `first` gets the candidates beside the start, once.
+    /// Adds missing effects to a model, and exchanges and removes those that have become improbable; `first` gets the candidates beside the
+    /// start, once.
     fn grown(
         &self,
         beginning: Fitted,
