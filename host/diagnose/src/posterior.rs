@@ -39,11 +39,11 @@ pub(super) struct Fitted {
     pub log_evidence: f64,
     /// Log evidence at the optimum of the model linearised here: the expected value at convergence.
     pub promised: f64,
-    /// Whether the fit has converged, that is, the last step was short.
+    /// Whether the fit has converged: the last step was short, or no step lowered the objective.
     pub settled: bool,
 }
 
-/// Residuals and sensitivities at a point.
+/// A point of a fit: the values of the parameters, and the residuals there.
 struct Point {
     values: Vec<f64>,
     residuals: Vec<Vec<f64>>,

@@ -9,7 +9,8 @@ use mechanics::{Experiment, Insertion, ModelError, Profile};
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Smooth changes over depth are cosines with a period of twice this length divided by their number, and numbers up to the following.
+/// Smooth changes over depth are cosines: the period of number k is twice this length divided by k. The next constants are the numbers of
+/// cosines of each kind.
 const SMOOTH_M: f64 = 100e-3;
 const LOAD_WAVES: usize = 4;
 const PATH_WAVES: usize = 3;

@@ -19,7 +19,7 @@ const ALIKE: f64 = 0.7;
 /// Spacing of the nodes of a shape error that repeats in every sweep, and largest number of nodes.
 const REPEAT_M: f64 = 1e-3;
 const MAX_REPEATS: usize = 60;
-/// Smooth errors of the shape are cosines with a period of twice this length divided by their number, and numbers below the following.
+/// Smooth errors of the shape are cosines over depth: the period of number k is twice this length divided by k, and k is below [`SMOOTH`].
 const SMOOTH_M: f64 = 40e-3;
 const SMOOTH: usize = 5;
 /// Number of smooth errors of a single run.
