@@ -99,7 +99,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// All effects with a name beside a fit, and all laws if `with_laws`, most probable first.
+    /// Candidates beside a fit, most probable first: all named effects, and if `with_laws` all laws.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
