@@ -42,7 +42,7 @@ pub(super) fn workflow<T>(
         let (mut of_reference, skipped) = runs_of(reference)?;
         of_reference.iter_mut().for_each(|run| run.is_reference = true);
         warnings.extend(skipped.into_iter().map(|what| format!("reference: {what}")));
-        noises.reference = Noise::of(&of_reference, &reference.noise);
+        noises.reference = Noise::of(&of_reference, &reference.stated_noise());
         let alone = Layout { rig: reference.rig.clone(), kinds: kinds(&of_reference), ..layout.clone() };
         let fitted = fit_start(&alone, &of_reference, &noises, &options.given, &multiples)?;
         multiples.extend(fitted.fitted.multiples(&fitted.patterns));
