@@ -192,14 +192,14 @@ mod tests {
         let dense: Vec<f64> = (0..5000).map(f64::from).collect();
         let repeated: Vec<f64> = (0..100).map(|i| if i < 60 { 0.0 } else { f64::from(i) }).collect();
         for values in [uniform, dense, repeated] {
-            let some: Vec<Option<f64>> = values.iter().copied().map(Some).collect();
-            let edges = edges(&some, BINS);
+            let readings: Vec<Option<f64>> = values.iter().copied().map(Some).collect();
+            let edges = edges(&readings, BINS);
             assert!((2..=BINS).contains(&edges.len()), "{edges:?}");
             for (bin, ends) in edges.iter().enumerate() {
-                let own: Vec<f64> =
+                let in_bin: Vec<f64> =
                     values.iter().copied().filter(|value| bin_of(&edges, *value) == bin).collect();
                 let [least, most] =
-                    [own.iter().copied().reduce(f64::min), own.iter().copied().reduce(f64::max)];
+                    [in_bin.iter().copied().reduce(f64::min), in_bin.iter().copied().reduce(f64::max)];
                 assert_eq!(least.zip(most), Some((ends[0], ends[1])), "{bin} of {edges:?}");
             }
         }

@@ -59,15 +59,15 @@ pub fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f
     let mut refused: Vec<&mut f64> = ln_weights.collect();
     refused.sort_by(|a, b| a.total_cmp(b));
     // The fraction of `taken` that smaller weights leave to the others.
-    let mut left = 1.0;
+    let mut remaining = 1.0;
     for index in 0..refused.len() {
-        let equal = left / (refused.len() - index) as f64;
-        let own = (*refused[index] - taken).exp();
-        if own > equal {
+        let equal = remaining / (refused.len() - index) as f64;
+        let weight = (*refused[index] - taken).exp();
+        if weight > equal {
             refused.iter_mut().skip(index).for_each(|ln| **ln = taken + equal.ln());
             return;
         }
-        left -= own;
+        remaining -= weight;
     }
 }
 
@@ -135,8 +135,8 @@ mod tests {
     fn refused_models_together_are_as_likely_as_the_one_taken() {
         let mut weights = [3.0, 5.0, -1.0];
         limit_refused(weights.iter_mut(), 1.0);
-        let together: f64 = weights.iter().map(|ln| ln.exp()).sum();
-        assert!((together - 1f64.exp()).abs() < 1e-12);
+        let sum: f64 = weights.iter().map(|ln| ln.exp()).sum();
+        assert!((sum - 1f64.exp()).abs() < 1e-12);
         assert_eq!((weights[0], weights[2]), (weights[1], -1.0));
     }
 
@@ -147,22 +147,22 @@ mod tests {
         assert!((weights.iter().map(|ln| ln.exp()).sum::<f64>() - 1.0).abs() < 1e-12, "{weights:?}");
         assert_eq!(weights[2], -3.0);
         // Models that do not exceed it together keep their weights.
-        let mut few = [-1.0, -1.0, f64::NEG_INFINITY];
-        limit_refused(few.iter_mut(), 0.0);
-        assert_eq!(few, [-1.0, -1.0, f64::NEG_INFINITY]);
+        let mut unlikely = [-1.0, -1.0, f64::NEG_INFINITY];
+        limit_refused(unlikely.iter_mut(), 0.0);
+        assert_eq!(unlikely, [-1.0, -1.0, f64::NEG_INFINITY]);
     }
 
     /// A model that passes the limit changes no weight by a step.
     #[test]
     fn the_weights_of_refused_models_are_continuous() {
-        let [below, above] = [-1e-9, 1e-9].map(|ln| {
+        let [lower, upper] = [-1e-9, 1e-9].map(|ln| {
             let mut weights = [ln; 2];
             limit_refused(weights.iter_mut(), 0.0);
             weights
         });
         assert!(
-            below.iter().zip(above).all(|(below, above)| (below - above).abs() < 1e-6),
-            "{below:?} {above:?}"
+            lower.iter().zip(upper).all(|(lower, upper)| (lower - upper).abs() < 1e-6),
+            "{lower:?} {upper:?}"
         );
     }
 }

@@ -106,13 +106,13 @@ impl Panel {
         })
     }
 
-    /// Axis of the forces: three times what was measured and predicted with the data, so that these are seen. What was predicted before the data is cut off there.
+    /// Axis of the forces: three times what was measured and predicted with the data, so that these are seen. The prediction before the data is cut off at its ends.
     fn forces(&self) -> Range<f64> {
-        let own = range(
+        let seen = range(
             self.observed.iter().map(|[_, force_n]| *force_n).chain(self.posterior.iter().flatten().copied()),
         );
-        let width = own.end - own.start;
-        own.start - width..own.end + width
+        let width = seen.end - seen.start;
+        seen.start - width..seen.end + width
     }
 }
 

@@ -19,9 +19,9 @@ const COVERAGE: f64 = 0.95;
 /// Share of draws below a value. Draws equal to it count as a random part of them, so that the result is uniform where value and draws
 /// are of one distribution; `uniform` is a number from 0 to 1.
 pub fn pit(draws: &[f64], value: f64, uniform: f64) -> f64 {
-    let below = draws.iter().filter(|draw| **draw < value).count() as f64;
+    let smaller = draws.iter().filter(|draw| **draw < value).count() as f64;
     let equal = draws.iter().filter(|draw| **draw == value).count() as f64;
-    (below + uniform * (equal + 1.0)) / (draws.len() as f64 + 1.0)
+    (smaller + uniform * (equal + 1.0)) / (draws.len() as f64 + 1.0)
 }
 
 /// A band about the diagonal for the distribution function of uniform values.
@@ -47,43 +47,46 @@ pub struct BandExit {
 impl Band {
     /// The band for so many values.
     pub fn new(count: usize, seed: u64) -> Self {
-        let at: Vec<f64> = (1..PLACES).map(|place| place as f64 / PLACES as f64).collect();
+        let quantiles: Vec<f64> = (1..PLACES).map(|place| place as f64 / PLACES as f64).collect();
         let binomials: Vec<Binomial> =
-            at.iter().filter_map(|place| Binomial::new(*place, count as u64).ok()).collect();
+            quantiles.iter().filter_map(|place| Binomial::new(*place, count as u64).ok()).collect();
         // Two-sided tail probability of every possible number of values below every place.
         let tails: Vec<Vec<f64>> = binomials.iter().map(|binomial| tails(binomial, count)).collect();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut least: Vec<f64> = (0..SAMPLES)
             .map(|_| {
                 let values: Vec<f64> = (0..count).map(|_| random.random()).collect();
-                let counts = counts_below(&values, &at);
+                let counts = counts_below(&values, &quantiles);
                 let of_places = counts.iter().zip(&tails).filter_map(|(count, tails)| tails.get(*count));
                 of_places.copied().fold(1.0, f64::min)
             })
             .collect();
         least.sort_by(f64::total_cmp);
         let level = least.get(((1.0 - COVERAGE) * SAMPLES as f64) as usize).copied().unwrap_or(0.0);
-        let inside = |tails: &Vec<f64>| {
-            let first = tails.iter().position(|tail| *tail >= level).unwrap_or(0);
-            let last = tails.iter().rposition(|tail| *tail >= level).unwrap_or(count);
-            [first, last].map(|number| number as f64 / count.max(1) as f64)
-        };
-        let (low, high) = tails.iter().map(inside).map(|[low, high]| (low, high)).unzip();
-        Self { at, low, high }
+        let (low, high) = tails.iter().map(|tails| ends_at(level, tails, count)).unzip();
+        Self { at: quantiles, low, high }
     }
 
     /// The place where values leave the band by most; nothing where they stay inside.
     pub fn departure(&self, values: &[f64]) -> Option<BandExit> {
-        let shares = shares_below(values, &self.at);
+        let fractions = shares_below(values, &self.at);
         let rounding = 1e-9;
-        let outside = shares.iter().zip(&self.at).zip(self.low.iter().zip(&self.high)).filter_map(
+        let exits = fractions.iter().zip(&self.at).zip(self.low.iter().zip(&self.high)).filter_map(
             |((share, at), (low, high))| {
-                let beyond = (low - share).max(share - high);
-                (beyond > rounding).then_some((beyond, BandExit { at: *at, by: share - at }))
+                let distance = (low - share).max(share - high);
+                (distance > rounding).then_some((distance, BandExit { at: *at, by: share - at }))
             },
         );
-        outside.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, departure)| departure)
+        exits.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, departure)| departure)
     }
+}
+
+/// Least and largest fraction of values below a place whose tail probability is at least this level.
+fn ends_at(level: f64, tails: &[f64], count: usize) -> (f64, f64) {
+    let first = tails.iter().position(|tail| *tail >= level).unwrap_or(0);
+    let last = tails.iter().rposition(|tail| *tail >= level).unwrap_or(count);
+    let count = count.max(1) as f64;
+    (first as f64 / count, last as f64 / count)
 }
 
 /// Probability, for every number of values below a place, of a number as unlikely on this side, twice.
@@ -112,8 +115,8 @@ pub fn shares_below(values: &[f64], at: &[f64]) -> Vec<f64> {
 /// Share of values in the middle interval of this probability.
 pub fn inside(values: &[f64], probability: f64) -> f64 {
     let tail = 0.5 * (1.0 - probability);
-    let held = values.iter().filter(|value| (tail..=1.0 - tail).contains(*value)).count();
-    held as f64 / values.len().max(1) as f64
+    let inside_count = values.iter().filter(|value| (tail..=1.0 - tail).contains(*value)).count();
+    inside_count as f64 / values.len().max(1) as f64
 }
 
 #[cfg(test)]
@@ -130,9 +133,10 @@ mod tests {
     fn the_band_holds_as_many_uniform_samples_as_it_states() {
         for count in [40, 200] {
             let band = Band::new(count, 1);
-            let left = (0..1000).filter(|seed| band.departure(&uniform(count, 10 + seed)).is_some()).count();
+            let exit_count =
+                (0..1000).filter(|seed| band.departure(&uniform(count, 10 + seed)).is_some()).count();
             // 5 % of 1000, give or take four standard deviations of this number and of the band's own level.
-            assert!((15..=85).contains(&left), "{left} of 1000 samples of {count} left the band");
+            assert!((15..=85).contains(&exit_count), "{exit_count} of 1000 samples of {count} left the band");
         }
     }
 

@@ -80,11 +80,12 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
     ensure!((20..=10_000).contains(&sessions), "--sessions is {sessions}, expected 20 to 10000");
     let mut places = Places::new();
     let mut collect = |count: usize, of_session: &(dyn Fn(u64) -> Result<Places> + Sync)| -> Result<()> {
-        let all = on_all_cores(count, |number: usize| {
+        let sessions = on_all_cores(count, |number: usize| {
             of_session(seed.wrapping_mul(1_000_003).wrapping_add(number as u64))
         });
-        for one in all {
-            one?.into_iter()
+        for session in sessions {
+            session?
+                .into_iter()
                 .for_each(|(quantity, values)| places.entry(quantity).or_default().extend(values));
         }
         Ok(())
@@ -115,9 +116,9 @@ fn identified(seed: u64) -> Result<Places> {
     let mut session = session_on(&truth, &background, &design, random.random());
     let further_mm = GUIDE2_SD_MM * normal(&mut random);
     session.rig.guide2_m -= MM * further_mm;
-    let found =
+    let identification =
         identify(&session, &identify::Options { draws: Some(DRAWS), ..identify::Options::default() })?;
-    let draws = found.draws.context("identify drew nothing")?;
+    let draws = identification.draws.context("identify drew nothing")?;
     let k_kpa = truth.k_kpa * touched_modulus(&truth, &background, &design);
     let quantities = [
         (Quantity::IdentifiedModulus, place(&draws, "k_kpa", k_kpa, &mut random)),
@@ -142,13 +143,13 @@ fn diagnosed(seed: u64) -> Result<Places> {
     let design = Design::four_runs();
     let background = Background::drawn(&truth, &design, random.random());
     let session = session_on(&truth, &background, &design, random.random());
-    let found = diagnose(
+    let diagnosis = diagnose(
         &session,
         &diagnose::Options { draws: Some(DRAWS), ..diagnose::Options::default() },
         |_| {},
     )?;
-    let is_named = found.effects.iter().any(|effect| effect.class.iter().any(|member| member == id));
-    let draws = found.draws.context("diagnose drew nothing")?;
+    let is_named = diagnosis.effects.iter().any(|effect| effect.class.iter().any(|member| member == id));
+    let draws = diagnosis.draws.context("diagnose drew nothing")?;
     let mut places = Places::new();
     let k_kpa = truth.k_kpa * touched_modulus(&truth, &background, &design);
     if let Some(place) = place(&draws, "k_kpa", k_kpa, &mut random) {
@@ -174,20 +175,20 @@ fn inserted(seed: u64) -> Result<Places> {
     let world = world(seed, 0, kind);
     let options =
         predict::Options { until_m: MM * UNTIL_MM, draws: Some(DRAWS), ..predict::Options::default() };
-    let found = predict(&world.session, &options)?;
-    let draws = found.draws.as_ref().context("predict drew nothing")?;
-    let (Some(one), Some(truth)) = (found.insertions.first(), world.truth.first()) else {
+    let prediction = predict(&world.session, &options)?;
+    let draws = prediction.draws.as_ref().context("predict drew nothing")?;
+    let (Some(insertion), Some(truth)) = (prediction.insertions.first(), world.truth.first()) else {
         return Ok(Places::new());
     };
-    let named = |of: &str| format!("{}.{of}", one.id);
+    let named = |of: &str| format!("{}.{of}", insertion.id);
     let loads = ["tip_force_y_n", "tip_force_x_n"].map(|of| draws.values(Group::Posterior, &named(of)));
     let whole_load = match loads {
         [Some(y_n), Some(x_n)] => y_n.iter().zip(x_n).map(|(y_n, x_n)| y_n.hypot(*x_n)).collect(),
         _ => Vec::new(),
     };
     let path = draws.variables(Group::Predictions).find(|name| *name == named("tip_y_mm")).map(str::to_owned);
-    let measured_mm = one.measured_y_mm.last().copied().flatten();
-    let ahead = path
+    let measured_mm = insertion.measured_y_mm.last().copied().flatten();
+    let end_of_path = path
         .zip(measured_mm)
         .and_then(|(name, measured_mm)| Some((draws_at_end(draws, &name)?, measured_mm)));
     let mut places = Places::new();
@@ -200,7 +201,7 @@ fn inserted(seed: u64) -> Result<Places> {
         ),
         (
             Quantity::PathAhead,
-            ahead.map(|(drawn_mm, measured_mm)| pit(&drawn_mm, measured_mm, random.random())),
+            end_of_path.map(|(drawn_mm, measured_mm)| pit(&drawn_mm, measured_mm, random.random())),
         ),
     ];
     for (quantity, place) in quantities {
@@ -211,8 +212,8 @@ fn inserted(seed: u64) -> Result<Places> {
 
 /// Draws of the reading at the last depth of a path ahead.
 fn draws_at_end(draws: &Draws, name: &str) -> Option<Vec<f64>> {
-    let places = draws.values(Group::Predictions, name)?.len() / DRAWS.count();
-    draws.at(Group::Predictions, name, places.checked_sub(1)?)
+    let depth_count = draws.values(Group::Predictions, name)?.len() / DRAWS.count();
+    draws.at(Group::Predictions, name, depth_count.checked_sub(1)?)
 }
 
 fn drawn_modulus_kpa(random: &mut ChaCha8Rng) -> f64 {

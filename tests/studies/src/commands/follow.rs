@@ -138,11 +138,11 @@ impl Laboratory {
         let design = Design { lateral, ..learning };
         let mut session = session_on(&truth, &background, &design, random.random());
         let runs = session.lateral.split_off(first);
-        let found = identify(&session, &identify::Options::default())?;
-        let modulus_pa = 1e3 * found.pooled.k_kpa;
+        let identification = identify(&session, &identify::Options::default())?;
+        let modulus_pa = 1e3 * identification.pooled.k_kpa;
         let model = ModelFile {
             modulus_pa: Some(modulus_pa),
-            modulus_ci95_pa: Some(found.pooled.ci95_kpa.map(|kpa| 1e3 * kpa)),
+            modulus_ci95_pa: Some(identification.pooled.ci95_kpa.map(|kpa| 1e3 * kpa)),
             ..ModelFile::default()
         };
         let runs = runs.iter().map(readings_of).collect();
@@ -171,10 +171,10 @@ impl Laboratory {
 /// Readings of a run, along the device's axes.
 fn readings_of(run: &Run) -> Vec<GuideReading> {
     let series = &run.force;
-    let zeros = || vec![0.0; series.time_s.len()];
-    let [x_m, x_n] =
-        [&series.displacement_x_m, &series.force_x_n].map(|along_x| along_x.clone().unwrap_or_else(zeros));
-    (0..series.time_s.len())
+    let count = series.time_s.len();
+    let [x_m, x_n] = [&series.displacement_x_m, &series.force_x_n]
+        .map(|along_x| along_x.clone().unwrap_or_else(|| vec![0.0; count]));
+    (0..count)
         .map(|i| GuideReading {
             time_s: series.time_s[i],
             displacement_m: [x_m[i], series.displacement_y_m[i]],
@@ -204,24 +204,24 @@ struct Followed {
 
 fn followed(laboratory: &Laboratory, seed: u64) -> Result<Followed> {
     let mut random = ChaCha8Rng::seed_from_u64(!seed);
-    let mut all = Followed { hours: 0.0, false_alarms: Vec::new(), outcomes: Vec::new() };
+    let mut followed = Followed { hours: 0.0, false_alarms: Vec::new(), outcomes: Vec::new() };
     for (number, run) in laboratory.runs.iter().enumerate() {
         let mut follower = laboratory.follower()?;
-        all.false_alarms.extend(follower.push(run));
+        followed.false_alarms.extend(follower.push(run));
         ensure!(follower.is_following(), "a run of which nothing is compared");
-        all.hours += (run[run.len() - 1].time_s - run[0].time_s) / 3600.0;
-        // What a fault adds goes along the axis that is moved; x is the first of the device.
+        followed.hours += (run[run.len() - 1].time_s - run[0].time_s) / 3600.0;
+        // A fault adds force along the axis that is moved; x is the first of the device.
         let axis = if number % 2 == 0 { 1 } else { 0 };
         let is_held = |reading: &GuideReading| reading.displacement_m[axis] > 0.98 * HELD_M;
         let hold_s = run.iter().find(|reading| is_held(reading)).context("a hold")?.time_s;
         let begins_s = hold_s + random.random_range(BEGINS_S[0]..BEGINS_S[1]);
         for (place, fault) in Fault::ALL.into_iter().enumerate() {
             if let Some(outcome) = with_fault(laboratory, run, axis, fault, begins_s)? {
-                all.outcomes.push((place, outcome));
+                followed.outcomes.push((place, outcome));
             }
         }
     }
-    Ok(all)
+    Ok(followed)
 }
 
 /// Follows a run with a fault until it is found; nothing where something was found before.
@@ -242,15 +242,15 @@ fn with_fault(
     let discernible = follower.discernible()[axis].context("a comparison")?;
     let change_n = |reading: &GuideReading| {
         let displacement_m = reading.displacement_m[axis];
-        let lost_n = |share: f64| -share * sound * displacement_m;
+        let whole_n = -sound * displacement_m;
         match fault {
             Fault::Jump(n) => n,
             Fault::Sigma(sd) => discernible.possible_n + sd * discernible.noise_n,
             Fault::Drift(n_per_s) => n_per_s * (reading.time_s - begins_s),
-            Fault::Slip(share) => lost_n(share),
+            Fault::Slip(share) => share * whole_n,
             Fault::Loose(play_m) => -sound * displacement_m.clamp(-play_m, play_m),
-            Fault::Gain(share) => lost_n(-share),
-            Fault::Clamp(_) | Fault::Back(_) | Fault::Tear(_) => lost_n(1.0 - faulty / sound),
+            Fault::Gain(share) => -share * whole_n,
+            Fault::Clamp(_) | Fault::Back(_) | Fault::Tear(_) => (1.0 - faulty / sound) * whole_n,
         }
     };
     let first = match fault {
@@ -278,13 +278,13 @@ pub fn run(laboratories: usize, seed: u64, only: &str, verbose: bool) -> Result<
         return super::follow_steered::run(laboratories, seed, verbose);
     }
     ensure!(laboratories > 0, "--sessions 0: expected 1 or more");
-    let all = on_all_cores(laboratories, |number| {
+    let sessions = on_all_cores(laboratories, |number| {
         let seed = seed.wrapping_mul(1_000_003).wrapping_add(number as u64);
         followed(&Laboratory::drawn(seed)?, seed)
     });
-    let all = all.into_iter().collect::<Result<Vec<_>>>()?;
-    let hours: f64 = all.iter().map(|one| one.hours).sum();
-    let alarms: Vec<&Parted> = all.iter().flat_map(|one| &one.false_alarms).collect();
+    let sessions = sessions.into_iter().collect::<Result<Vec<_>>>()?;
+    let hours: f64 = sessions.iter().map(|one| one.hours).sum();
+    let alarms: Vec<&Parted> = sessions.iter().flat_map(|one| &one.false_alarms).collect();
     if verbose {
         alarms
             .iter()
@@ -299,16 +299,16 @@ pub fn run(laboratories: usize, seed: u64, only: &str, verbose: bool) -> Result<
         "| fault | size | change of the force, N | found | within {GOAL_S:.0} s | delay, median, s | delay, 95 %, s | sigma, median |\n|---|---|---|---|---|---|---|---|"
     );
     let mut by_fault: BTreeMap<usize, Vec<Outcome>> = BTreeMap::new();
-    for (place, outcome) in all.iter().flat_map(|one| &one.outcomes) {
+    for (place, outcome) in sessions.iter().flat_map(|one| &one.outcomes) {
         by_fault.entry(*place).or_default().push(*outcome);
     }
     for (place, outcomes) in &by_fault {
         let fault = Fault::ALL[*place];
         let count = outcomes.len();
         let delays = sorted(outcomes.iter().map(|one| one.delay_s.unwrap_or(f64::INFINITY)));
-        let within = delays.iter().filter(|delay_s| **delay_s <= GOAL_S).count();
+        let quick_count = delays.iter().filter(|delay_s| **delay_s <= GOAL_S).count();
         println!(
-            "| {} | {} | {:.2} | {} of {count} | {within} | {} | {} | {:.0} |",
+            "| {} | {} | {:.2} | {} of {count} | {quick_count} | {} | {} | {:.0} |",
             fault.name(),
             fault.size(),
             quantile(&sorted(outcomes.iter().map(|one| one.change_n.abs())), 0.5),
@@ -332,6 +332,6 @@ pub(super) fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
 }
 
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let place = (share * sorted.len() as f64) as usize;
-    sorted.get(place.min(sorted.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+    let rank = (share * sorted.len() as f64) as usize;
+    sorted.get(rank.min(sorted.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
 }

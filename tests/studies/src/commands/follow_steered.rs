@@ -13,7 +13,7 @@ const DEPTH_MM: f64 = 100.0;
 /// Depth at which faults begin.
 const FAULTY_MM: f64 = 42.0;
 
-/// What is wrong from a depth on.
+/// Fault from a depth on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     None,
@@ -94,8 +94,8 @@ impl Plant for Faulty {
         self.ended_s = answer.t_s;
         if answer.depth_mm > FAULTY_MM {
             let began_s = *self.began_s.get_or_insert(answer.t_s);
-            let since_s = answer.t_s - began_s;
-            self.fault.change(&mut answer, since_s);
+            let duration_s = answer.t_s - began_s;
+            self.fault.change(&mut answer, duration_s);
         }
         Ok(answer)
     }
@@ -120,19 +120,19 @@ fn followed(number: u64, seed: u64, fault: Fault) -> Result<Followed> {
     let mut parted = Vec::new();
     // A run that its supervisor stops is followed until there.
     let _ = steer(&mut plant, &Options::new(target), &mut |event| {
-        let Event::Compared(one) = event else { return };
-        let comparer = match one.channel {
+        let Event::Compared(comparison) = event else { return };
+        let comparer = match comparison.channel {
             ComparedChannel::Force => &mut comparers[0],
             ComparedChannel::ForceFromStop => &mut comparers[1],
             ComparedChannel::Tip => &mut comparers[2],
         };
         parted.extend(comparer.push(ReadingDifference {
-            time_s: one.t_s,
-            displacement_mm: one.guide_mm,
-            depth_mm: one.depth_mm,
-            difference: one.difference,
-            possible: one.possible,
-            noise: one.noise,
+            time_s: comparison.t_s,
+            displacement_mm: comparison.guide_mm,
+            depth_mm: comparison.depth_mm,
+            difference: comparison.difference,
+            possible: comparison.possible,
+            noise: comparison.noise,
         }));
     });
     let began_s = plant.began_s.unwrap_or(f64::INFINITY);
@@ -146,14 +146,15 @@ fn followed(number: u64, seed: u64, fault: Fault) -> Result<Followed> {
 pub fn run(runs: usize, seed: u64, verbose: bool) -> Result<()> {
     ensure!(runs > 0, "--sessions 0: expected 1 or more");
     for fault in Fault::ALL {
-        let all = on_all_cores(runs, |number| followed(number as u64, seed, fault));
-        let all = all.into_iter().collect::<Result<Vec<_>>>()?;
+        let results = on_all_cores(runs, |number| followed(number as u64, seed, fault));
+        let results = results.into_iter().collect::<Result<Vec<_>>>()?;
         if fault == Fault::None {
-            let hours = all.iter().map(|one| one.duration_s).sum::<f64>() / 3600.0;
-            let alarms: Vec<&Parted> = all.iter().flat_map(|one| &one.parted).collect();
+            let hours = results.iter().map(|one| one.duration_s).sum::<f64>() / 3600.0;
+            let alarms: Vec<&Parted> = results.iter().flat_map(|one| &one.parted).collect();
             if verbose {
-                let words = |parted: &&Parted| parted.sentence(format_args!("{:.1} s", parted.since_s));
-                alarms.iter().for_each(|parted| eprintln!("{}", words(parted)));
+                for alarm in &alarms {
+                    eprintln!("{}", alarm.sentence(format_args!("{:.1} s", alarm.since_s)));
+                }
             }
             println!("Without a fault: {} false alarms in {hours:.1} h of {runs} runs.\n", alarms.len());
             println!(
@@ -161,10 +162,12 @@ pub fn run(runs: usize, seed: u64, verbose: bool) -> Result<()> {
             );
             continue;
         }
-        // What was found before the fault is none of it.
-        let sound = all.iter().filter(|one| one.parted.iter().all(|parted| parted.found_s >= one.began_s));
+        // Runs with a false alarm before the fault are left out.
+        let without_false_alarm =
+            results.iter().filter(|one| one.parted.iter().all(|parted| parted.found_s >= one.began_s));
         let delays = sorted(
-            sound.map(|one| one.parted.first().map_or(f64::INFINITY, |parted| parted.found_s - one.began_s)),
+            without_false_alarm
+                .map(|one| one.parted.first().map_or(f64::INFINITY, |parted| parted.found_s - one.began_s)),
         );
         println!(
             "| {} | {} of {} | {} | {} | {} |",

@@ -101,12 +101,12 @@ impl Laboratory {
             };
             let planned = menu.runs(Some(&session));
             let plans = planned.iter().map(|run| run.plan.clone()).collect();
-            let mut found = diagnose(&session, &Options { plans, ..Options::default() }, |_| {})?;
-            let prospects = found.prospects.take().context("prospects")?;
+            let mut diagnosis = diagnose(&session, &Options { plans, ..Options::default() }, |_| {})?;
+            let prospects = diagnosis.prospects.take().context("prospects")?;
             let runs_left = (MAX_RUNS - runs.len()) as u32;
             let bounds = Bounds { runs_left, force_limit_n: FORCE_LIMIT_N };
-            match decide(Goal::Name, &found, &prospects, planned, bounds) {
-                Decision::Stop(end) => return Ok(self.ended(&runs, &found, end)),
+            match decide(Goal::Name, &diagnosis, &prospects, planned, bounds) {
+                Decision::Stop(end) => return Ok(self.ended(&runs, &diagnosis, end)),
                 Decision::Measure(choice) => runs.push(choice.run),
             }
         }
@@ -117,12 +117,12 @@ impl Laboratory {
         loop {
             let session = (!runs.is_empty()).then(|| self.measured(&runs).0);
             if let Some(session) = &session {
-                let found = diagnose(session, &Options::default(), |_| {})?;
-                if found.verdict == Verdict::Named {
-                    return Ok(self.ended(&runs, &found, End::Named));
+                let diagnosis = diagnose(session, &Options::default(), |_| {})?;
+                if diagnosis.verdict == Verdict::Named {
+                    return Ok(self.ended(&runs, &diagnosis, End::Named));
                 }
                 if runs.len() == MAX_RUNS {
-                    return Ok(self.ended(&runs, &found, End::MaxRuns));
+                    return Ok(self.ended(&runs, &diagnosis, End::MaxRuns));
                 }
             }
             let (depth_mm, axis) = STANDARD[runs.len() % STANDARD.len()];
@@ -146,14 +146,14 @@ fn is_next(run: &PlannedRun, axis: Axis, depth_mm: f64) -> bool {
 /// Where a session cannot be diagnosed.
 pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     ensure!(sessions > 0, "--sessions 0: expected 1 or more");
-    let all = on_all_cores(sessions, |number| {
+    let results = on_all_cores(sessions, |number| {
         let laboratory = Laboratory::drawn(seed.wrapping_mul(1_000_003).wrapping_add(number as u64))?;
         Ok((laboratory.hidden(), [laboratory.investigated()?, laboratory.standard()?]))
     })
     .into_iter()
     .collect::<Result<Vec<_>>>()?;
     if verbose {
-        for (number, (hidden, ends)) in all.iter().enumerate() {
+        for (number, (hidden, ends)) in results.iter().enumerate() {
             eprintln!("#{number} {hidden}: {}; standard {}", line(&ends[0]), line(&ends[1]));
         }
     }
@@ -162,7 +162,8 @@ pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     for (place, name) in ["chosen by what it tells", "standard"].into_iter().enumerate() {
-        let ends: Vec<(&str, &Ended)> = all.iter().map(|(hidden, ends)| (*hidden, &ends[place])).collect();
+        let ends: Vec<(&str, &Ended)> =
+            results.iter().map(|(hidden, ends)| (*hidden, &ends[place])).collect();
         println!(
             "| {name} | {} of {sessions} | {} | {} | {} | {:.0} | {:.0} | {} | {:.1} % |",
             ends.iter().filter(|(id, end)| is_right(id, end)).count(),
