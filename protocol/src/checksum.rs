@@ -2,7 +2,7 @@
 //! language's standard library.
 //!
 //! At these frame lengths (below 2974 bits) it finds every error of up to 4 bits and every burst of up to 32. On the device it
-//! takes one table of 1 KiB, in flash; a host multiplies many bytes at once where its processor can.
+//! takes one table of 1 KiB, in flash; a host uses the carry-less multiplication of its processor, if it has one.
 
 /// The checksum of some bytes.
 #[inline]

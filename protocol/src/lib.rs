@@ -68,7 +68,7 @@
 //! | 9 | `StoreCalibration { length, crc }` | `Ack` | stores the record if it has this checksum, and restarts with it |
 //! | 10 | `Calibration` | `Calibration`, `Ack` | none |
 //! | 11 | `Retreat { x_um, y_um }` | `Ack` | unloads the guide while a fault is latched; an event follows |
-//! | 12 | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
+//! | 12 | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed, or of an earlier calibration, until the next start |
 //! | 13 | `Describe` | `Description`, `Ack` | none |
 //! | 14 | `Safety` | `Safety`, `Ack` | none |
 //! | 15 | `Pulse { axis, duty_permille, duration_ms }` | `Ack` | drives one motor briefly; an event follows |
@@ -78,7 +78,7 @@
 //! | 0 | [`Hello`] | on request: version, schema hash, board, clock, sample period, value of a count, calibration, last panic |
 //! | 1 | `Ack { id }` | the command was carried out, now or at its first arrival |
 //! | 2 | `Refused { id, refusal }` | the command was not carried out, and why: [`Refusal`] |
-//! | 3 | [`Samples`] | a batch is full or its state ended, while telemetry is on |
+//! | 3 | [`Samples`] | while telemetry is on: a batch is full, its state or step has ended, or an answer or event follows it |
 //! | 4 | [`Event`] | a step began or ended; a tare was completed or rejected; a program, a retreat or a pulse ended; a fault was latched |
 //! | 5 | [`Status`] | on request, and ten times a second while telemetry is on: state, fault, position, force, counters, load, stiffness |
 //! | 6 | [`CalibrationRecord`] | on request |

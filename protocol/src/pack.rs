@@ -107,7 +107,7 @@ impl Packer {
         if self.open.as_ref().is_some_and(|open| open.samples.is_full()) { self.flush() } else { None }
     }
 
-    /// Returns the unfinished batch, if any. The caller flushes when samples are slow or end, which bounds their delay.
+    /// Returns the unfinished batch, if any. The caller flushes before a message that has to follow these samples, and when they end.
     pub fn flush(&mut self) -> Option<Samples> {
         self.open.take().map(|open| open.close())
     }

@@ -24,7 +24,7 @@ pub const KNOT_STEP_UM: [u16; 2] = [2_500, 12_500];
 /// Largest difference of the two directions of a table, micrometres. Play is a fraction of a millimetre; the tables of two
 /// different potentiometers differ by far more than this bound.
 pub const PLAY_LIMIT_UM: u16 = 2_000;
-/// Largest rated range, millinewtons: beyond it force counts could exceed 32 bits.
+/// Largest rated range, millinewtons: with it sums of 100 readings at the converter's full scale fit 32 bits.
 pub const FORCE_RANGE_LIMIT_MN: u32 = 100_000;
 /// Greatest code of the potentiometers' converter.
 pub const POTENTIOMETER_CODE_MAX: u16 = 4_095;
@@ -79,7 +79,7 @@ pub enum Implausible {
         /// The travel.
         travel_um: u32,
     },
-    /// The rated range is zero or beyond what is representable.
+    /// The rated range is zero or above [`FORCE_RANGE_LIMIT_MN`].
     #[error("the rated range is {range_mn} mN, expected 1 to {FORCE_RANGE_LIMIT_MN} mN")]
     ForceRange {
         /// The range.

@@ -18,7 +18,7 @@
 //! | `StoreCalibration` | `Ack` | stores the calibration and restarts with it |
 //! | `Calibration` | `Calibration`, `Ack` | none |
 //! | `Retreat` | `Ack`, then an event | unloads the guide while a fault is latched |
-//! | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
+//! | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed, or of an earlier calibration, until the next start |
 //! | `Describe` | `Description`, `Ack` | none |
 //! | `Safety` | `Safety`, `Ack` | none |
 //! | `Pulse` | `Ack`, then an event | drives one motor briefly, without a loop |
@@ -139,8 +139,8 @@ pub enum Request {
 pub const RETREAT_LIMIT_UM: i32 = 1_000;
 /// Longest [`Request::Pulse`], milliseconds.
 pub const PULSE_LIMIT_MS: u8 = 50;
-/// Greatest duty of a [`Request::Pulse`], thousandths: in the longest pulse no actuator of the series moves by more than
-/// [`PULSE_BOUND_UM`], whichever wires are swapped.
+/// Greatest duty of a [`Request::Pulse`], thousandths. In the longest pulse an actuator with a dead band of at least 0.12 and a
+/// no-load speed of at most 22 mm/s moves by no more than [`PULSE_BOUND_UM`], whichever wires are swapped.
 pub const PULSE_DUTY_LIMIT_PERMILLE: u16 = 350;
 /// Largest motion of one [`Request::Pulse`], micrometres.
 pub const PULSE_BOUND_UM: i32 = 300;

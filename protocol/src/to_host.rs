@@ -376,7 +376,7 @@ pub const TARE_CHANGE_PERCENT: u32 = 1;
 /// Outcome of a retreat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum RetreatOutcome {
-    /// The cause of the fault is gone, with a margin.
+    /// The load is below the limit, and either there is a margin or the load no longer falls.
     Unloaded,
     /// The guide has moved by the requested distance, or to the middle of the travel or past it; the cause may remain.
     Moved,

@@ -33,8 +33,9 @@
 //! failure is not visible in the readings: a force channel that fails while it carries less than a tenth of its range shows only
 //! the noise of its converter, like a channel without a load. `guide bringup` finds it by its noise.
 //!
-//! The tests are the end-to-end tests of these names. They run the firmware in QEMU and make each cause in the simulated rig or on
-//! the link; each asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
+//! The tests `no_pattern_of_failing_..` are in the crate `sequences` and run the controller in process. The others are end-to-end
+//! tests: they run the firmware in QEMU and make each cause in the simulated rig or on the link; each asserts the reaction in periods, the
+//! reason on the wire, and that nothing is driven afterwards.
 
 use super::force::ForceChannel;
 use super::limits::{

@@ -422,8 +422,8 @@ fn event(t_us: u64, kind: EventKind) -> Event {
     Event { t_us, kind }
 }
 
-/// Adds a message. `OutboundMessages` has room for the largest number of messages of one period, so that none is lost here; a
-/// test covers the period with the most messages.
+/// Adds a message. `OutboundMessages` has room for the largest number of messages of one period, so that none is lost here;
+/// builds with debug assertions check that.
 fn push(notes: &mut OutboundMessages, note: OutboundMessage) {
     let pushed = notes.push(note);
     debug_assert!(pushed.is_ok(), "more notes in one period than there is room for");

@@ -28,8 +28,9 @@
 //! most [`REPEATED_CODES`] with a probability of 0.24 %, so that a channel repeats one of four codes in 1.0 % of the readings, and one
 //! channel or the other in `p` = 1.9 %. A number `k` of the latest `n` readings is reached, in each reading, with a probability of at most
 //! `C(n - 1, k - 1) p^k (1 - p)^(n - k)`: 8 of 10 once in 50 years, 12 of 32 once in 200 years, but 8 of 32 every 9 hours. So eight
-//! count within the ten readings from which the overshoot follows, and over 32 readings [`FREQUENT_READINGS`] is the least
-//! number that noise reaches less often than those eight of ten. With the noise of a cell of 5 mN (4,470 codes) `p` is 0.15 %.
+//! repeated readings are a fault only among the latest ten, from which the overshoot follows. Over 32 readings the number is
+//! [`FREQUENT_READINGS`], the least one that noise reaches less often than eight of ten. With the noise of a cell of 5 mN (4,470 codes)
+//! `p` is 0.15 %.
 //!
 //! Noise of 0.02 N with 0.1 N of hum changes a reading by 0.14 N (five standard deviations), and a jump ([`JUMP_PERCENT`]) is 0.5 N on
 //! a range of 5 N.

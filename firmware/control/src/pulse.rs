@@ -9,7 +9,7 @@
 //! | [`REACHED_UM`] of the driven axis, either way | after 2 periods | its potentiometer works |
 //! | [`OTHER_UM`] of the other axis | after 2 periods | motors or potentiometers are swapped |
 //! | change of the force on either channel by [`PULSE_FORCE_MN`] | after 2 periods; less than 1 N on up to 8 N/mm | the converter works |
-//! | duty [`PULSE_DUTY_LIMIT_PERMILLE`], [`PULSE_LIMIT_MS`] | always: at most 0.29 mm of any actuator of the series | always |
+//! | duty [`PULSE_DUTY_LIMIT_PERMILLE`] for [`PULSE_LIMIT_MS`] | after that time; at most 0.29 mm of motion | the dead band is at least 0.12 and the no-load speed at most 22 mm/s |
 //!
 //! "After 2 periods" means at the second reading beyond the bound, as in [`super::interlock`], whose causes end a pulse too.
 //! After the drive the bridges are off. Pulses do not add up: until an axis has moved in its driven direction, a pulse is refused

@@ -80,7 +80,7 @@ impl LoadMeter {
 pub enum Trend {
     /// Falling, or not yet decided: the retreat goes on.
     Falling,
-    /// Below the limit, with a margin.
+    /// Below the limit, and either with a margin or no longer falling.
     Unloaded,
     /// Rising or not falling: the retreat stops.
     NotFalling,

@@ -279,8 +279,8 @@ fn only_the_conversation_that_started_a_program_keeps_it_alive() {
     assert_eq!([refused, other_keeps_alive, hello, its_own], [silent, silent, silent, None]);
 }
 
-/// A line or a program in between that sends the host's last frames again: each is answered as before, and is no sign of life
-/// of the host.
+/// A faulty line, or a program between host and device, sends the host's last frames again. Each is answered as before, and none
+/// is a keepalive.
 #[test]
 fn repeated_frames_keep_no_program_alive() {
     let mut bench = Bench::new();

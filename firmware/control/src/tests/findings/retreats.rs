@@ -135,8 +135,8 @@ fn a_guide_that_coasts_past_the_middle_before_a_retreat_has_moved() {
     assert_eq!(outcomes.collect::<std::vec::Vec<_>>(), [RetreatOutcome::Moved]);
 }
 
-/// A shorted bridge drives the guide out of its travel, and no requested motion can end that. A load that exists as well is removed
-/// by a retreat once the guide is at rest.
+/// A shorted bridge drives the guide out of its travel, and no requested motion can end that. If there is a load too, a retreat
+/// can remove it once the guide is at rest.
 #[test]
 fn no_retreat_answers_a_motion_out_of_the_travel() {
     let mut bench = at_home();
