@@ -348,8 +348,8 @@ impl DiagnosisReport<'_> {
         }
         if self.is_modulus_at_bound() {
             limits.push(
-                "the modulus that fits best is at an end of its range: the model lacks what the runs show, and K and E are not identifiable \
-                 without it"
+                "the modulus that fits best is at an end of its range: the model lacks an effect that the runs show, and without it K \
+                 and E are not identifiable"
                     .to_owned(),
             );
         }

@@ -217,7 +217,7 @@ fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
     let bent = found.nonlinearity.abs() > BENT && found.nonlinearity.abs() > BENT_SE * found.nonlinearity_se;
     if let Some(other_form) = found.fits_other_form {
         remarks.push(format!(
-            "force against depth is that of a {} indenter, not of indenter = \"{}\": the modulus is wrong if the form is",
+            "force against depth is that of a {} indenter, not of indenter = \"{}\": if the stated form is wrong, the modulus is wrong too",
             other_form.name(),
             run.indenter.name()
         ));

@@ -335,7 +335,7 @@ fn warnings(observed: &TipPath, path: &TipPath) -> Vec<String> {
     let row_count: f64 = path.bins.iter().map(|bin| bin.rows).sum();
     if path.rows_skipped as f64 > 0.2 * row_count {
         warnings.push(format!(
-            "{} rows are skipped beside {row_count:.0} that are used: before the surface, drawn back, misread, or in the middle of a turn",
+            "{} rows are skipped, as they are before the surface, drawn back, misread, or in the middle of a turn; {row_count:.0} rows are used",
             path.rows_skipped
         ));
     }

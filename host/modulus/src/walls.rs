@@ -97,7 +97,7 @@ impl WallsResult {
         };
         let basis = if self.stated == IN_MODEL {
             format!(
-                "their effect is in the model ({FINITE_BODY}) as one motion of everything around the needle"
+                "their effect is in the model ({FINITE_BODY}) as one motion of everything around the needle; E is that with this effect"
             )
         } else {
             "E is that of a half space".to_owned()

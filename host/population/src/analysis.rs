@@ -117,7 +117,7 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
             }
             Err(PopulationError::Undetermined { .. }) if groups.len() > 1 || used_rows.is_empty() => warnings
                 .push(format!(
-                    "group {group}: {} sessions that count do not determine a mean; it is skipped",
+                    "group {group} is skipped: the sessions that count ({}) do not determine a mean",
                     used_rows.len()
                 )),
             Err(error) => return Err(error),

@@ -206,7 +206,10 @@ fn columns_that_are_not_found_have_a_reason() {
         )
     };
     let twice = table("Time [s],Displacement [mm],Force [N],Force [N]\n", &[]);
-    assert_rejected(&twice, &["force_y_n: \"Force [N]\" (#3) and \"Force [N]\" (#4) may all be it"]);
+    assert_rejected(
+        &twice,
+        &["force_y_n: \"Force [N]\" (#3) and \"Force [N]\" (#4) may all be this quantity"],
+    );
     let along_x = table("time_s,displacement_x_mm,force_x_n,temp\n", &[]);
     assert_rejected(&along_x, &["force_y_n: only force_x_n is there"]);
     let unnamed = table("", &["--map", "Force=force_y_n:N"]);

@@ -118,7 +118,7 @@ function doubt(found, trial, { plain, now }) {
   line.hidden = !strongest.isStrong;
   const size = `But residuals of up to ${number(Math.abs(strongest.value), 2)} standard deviations remain (${strongest.name}, map below)`;
   line.textContent = named.length > 0 ? `${size}: the effects do not explain everything.`
-    : `${size}. They are not explained. Usual imperfections of rig and tissue can cause residuals of this size, such as a needle\u2019s stiffness that is known to 2 %.`;
+    : `${size}. The model does not explain them, but usual imperfections of rig and tissue can cause them: a needle\u2019s stiffness, for instance, is known to 2 % only.`;
   document.getElementById('verdict').classList.toggle('doubtful', strongest.isStrong);
 }
 

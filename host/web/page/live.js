@@ -37,7 +37,7 @@ async function beginLive() {
     requestLive({ do: 'stop' });
   }, true);
   window.addEventListener('keyup', (event) => { if (event.key === ' ' && state.view === 'live') event.preventDefault(); }, true);
-  // A page that is not shown gives up control at once; where this does not arrive, its heartbeat is missing.
+  // A page that is not shown gives up control at once; if that message is lost, the program misses the heartbeat of the page.
   document.addEventListener('visibilitychange', () => { if (document.visibilityState !== 'visible' && hasControl()) requestLive({ do: 'leave' }); });
   window.addEventListener('pagehide', () => { if (hasControl()) requestLive({ do: 'leave' }); });
   connectLive();

@@ -215,11 +215,11 @@ impl Messages {
         order.sort_by_key(|row| times_ns.get(*row).copied());
         let mut notes = Vec::new();
         if order.windows(2).any(|pair| pair[0] > pair[1]) {
-            notes.push("messages are in another order than their stamps, which counts".to_owned());
+            notes.push("messages are in another order than their times: they are sorted by time".to_owned());
         }
         if has_stamps && !TRANSPORT_S.contains(&lead_s) {
             notes.push(format!(
-                "its stamps are {lead_s:.3} s before the times of the recorder: if the clock of another topic is not, --offset-s brings them together"
+                "its stamps are {lead_s:.3} s before the times of the recorder: if those of another topic are not, --offset-s brings both together"
             ));
         }
         if !has_stamps {

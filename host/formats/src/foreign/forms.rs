@@ -132,7 +132,7 @@ impl Form<'_> {
         notes: &mut Vec<String>,
     ) -> Result<(), TableError> {
         notes.push(format!(
-            "line {line}: a line of numbers right above the rows ({count} in all) has {has}, and these have {} columns: it is not used as a reading",
+            "line {line}: a line of numbers right above the rows has {has}, and the rows have {} columns: it is not used as a reading (such lines in all: {count})",
             self.width
         ));
         Ok(())

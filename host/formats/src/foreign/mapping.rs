@@ -152,7 +152,7 @@ impl Mapping {
         fn quoted(text: &str) -> String {
             toml::Value::from(text).to_string()
         }
-        let mut text = "# What the columns of a table are: guide import table FILE --map-file THIS\n[table]\nformat = 1\n".to_owned();
+        let mut text = "# Quantities of the columns of a table: guide import table FILE --map-file THIS\n[table]\nformat = 1\n".to_owned();
         for Choice { column, target, unit } in &self.choices {
             let _ = write!(text, "\n[[column]]\nname = {}\nis = \"{}\"\n", quoted(column), target.name);
             if let Some(unit) = unit {

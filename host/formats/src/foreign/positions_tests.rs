@@ -121,7 +121,7 @@ fn half_of_a_shape_and_a_file_of_which_nothing_is_taken_are_errors() {
     );
     let error = take(&[wide, shape.clone()], &Mapping::default(), &Options::default());
     let error = error.expect_err("a file without use").to_string();
-    assert!(error.contains("shape.csv: nothing of it is taken, of \"Distance from tip [mm]\""), "{error}");
+    assert!(error.contains("shape.csv: none of its columns is used: \"Distance from tip [mm]\""), "{error}");
 }
 
 /// An insertion by its columns of depth and tip.
@@ -181,7 +181,7 @@ fn a_withdrawal_and_jumps_of_a_table_are_left_out_with_their_lines() {
     rows.extend(stage(60.0, -1.0).into_iter().map(|(depth, _)| (depth, 8e-4 * depth * depth + 0.1)));
     let run = insertion(&rows, "mm", Zero::Auto).expect("a run");
     let notes = run.notes.join("\n");
-    assert!(notes.contains("line 62") && notes.contains("1 of them, are skipped: jump"), "{notes}");
+    assert!(notes.contains("line 62") && notes.contains("are skipped (1 in all): jump"), "{notes}");
     assert!(notes.contains("withdrawn: the needle was drawn out at the end"), "{notes}");
     let run = run.insertion.expect("an insertion");
     assert!(

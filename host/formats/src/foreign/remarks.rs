@@ -105,7 +105,7 @@ pub(super) fn check(table: &RawTable, column: &RawColumn, notes: &mut Vec<String
             });
         }
         notes.push(format!(
-            "{}: line {line}: \"{text}\", and \"{}\" goes on without a step (by {}): the zero is assumed to be unchanged",
+            "{}: line {line}: \"{text}\", but \"{}\" changes by {} there, not more than elsewhere: the zero is assumed to be unchanged",
             table.path.display(),
             column.header,
             rounded(step)

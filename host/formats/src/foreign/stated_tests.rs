@@ -262,7 +262,7 @@ fn a_tare_between_the_rows_is_an_error_where_the_force_steps() {
         // At a force of 0 it changes nothing.
         let notes = notes(&tared(text, 0.0), &[], None);
         assert!(
-            notes.iter().any(|note| note.contains("line 252:") && note.contains("goes on without a step")),
+            notes.iter().any(|note| note.contains("line 252:") && note.contains("not more than elsewhere")),
             "{text}: {notes:?}"
         );
     }

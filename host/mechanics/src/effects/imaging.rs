@@ -92,7 +92,7 @@ impl Effect for EchoOffset {
         const {
             &EffectInfo {
                 id: "imaging.echo_offset",
-                physics: "the echo has a constant offset from the needle's axis along the beam: it is the near wall, or its threshold differs from that of the straight needle's sweep",
+                physics: "the echo has a constant offset from the needle's axis along the beam: it comes from the near wall, or the gain was changed after the sweep of the straight needle",
                 signature: "shape along the beam, at zero displacement too",
                 observable_in: RunKinds::LATERAL,
                 is_costly: false,

@@ -263,7 +263,7 @@ impl Effect for Yield {
         const {
             &EffectInfo {
                 id: "tissue.yield",
-                physics: "the tissue yields near the surface: K s / sqrt(1 + (K s / p_y)^2), p_y = exp(depth / d) / inverse yield",
+                physics: "the tissue yields near the surface: K u / sqrt(1 + (K u / p_y)^2), p_y = exp(depth / d) / inverse yield",
                 signature: "the tip responds less than proportionally to large motions of guide 2, most at shallow depth",
                 observable_in: RunKinds::BOTH,
                 is_costly: true,

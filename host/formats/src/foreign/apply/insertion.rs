@@ -66,7 +66,7 @@ pub(super) fn insertion(
     if run.depth_m.is_empty() {
         return Err(TableError::Map {
             choice: "depth_mm".to_owned(),
-            problem: format!("no row of \"{}\" has it and the tip", depth.column.header),
+            problem: format!("no row has numbers for both \"{}\" and the tip", depth.column.header),
             expected: "rows with a number in every column that is taken".to_owned(),
         });
     }
@@ -97,7 +97,7 @@ fn screened(run: &InsertionRun, lines: &[usize], notes: &mut Vec<String>) -> Ins
         let line =
             skipped.first_row.checked_sub(1).and_then(|row| lines.get(row)).copied().unwrap_or_default();
         notes.push(format!(
-            "{}: line {line}: rows that are no readings from there on, {} of them, are skipped: {}",
+            "{}: from line {line} on, rows that are no readings are skipped ({} in all): {}",
             run.path.display(),
             skipped.rows,
             skipped.reason
@@ -158,7 +158,7 @@ fn refer_depth(
     }
     if shallowest_m > zero::usual_step(depth_m) && zero == Zero::Auto {
         notes.push(format!(
-            "depth_mm begins at {:.3} mm: what was before is not recorded, or it is the position of a stage (--zero first counts it from where it begins)",
+            "depth_mm begins at {:.3} mm: either the recording begins at this depth, or the column is the position of a stage (--zero first counts it from its first value)",
             1e3 * shallowest_m
         ));
     }

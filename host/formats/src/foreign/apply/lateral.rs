@@ -177,7 +177,10 @@ fn check_merge(
     let paths: Vec<String> = unnamed.map(|timed| timed.table.path.display().to_string()).collect();
     Err(TableError::Map {
         choice: format!("--merge-on '{name}'"),
-        problem: format!("no name of the times that are taken of {}", paths.join(" and ")),
+        problem: format!(
+            "this is not the name of the column of times that is used of {}",
+            paths.join(" and ")
+        ),
         expected: "the name of the column of times in both files, or --offset-s where these differ"
             .to_owned(),
     })

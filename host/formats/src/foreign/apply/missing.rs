@@ -42,13 +42,13 @@ fn reason(name: &str, tables: &[RawTable], parts: &[Part]) -> String {
         .collect();
     let name_along_x = name.replace("_y_", "_x_");
     if candidates.len() > 1 {
-        format!("{} may all be it, and one is to be chosen by its number", candidates.join(" and "))
+        format!("{} may all be this quantity: choose one by its number", candidates.join(" and "))
     } else if parts.iter().any(|part| part.target.name == name_along_x) {
         format!("only {name_along_x} is there, and a run along one axis is along y")
     } else if tables.iter().all(RawTable::is_without_names) {
         "the columns have no names: is the line of names missing, or not right above the numbers?".to_owned()
     } else {
-        "no column has its name and a unit of it".to_owned()
+        "no column has this name and one of its units".to_owned()
     }
 }
 
@@ -117,7 +117,7 @@ pub(super) fn unused_file(tables: &[RawTable], parts: &[Part]) -> Option<TableEr
         .collect();
     Some(TableError::File {
         path: table.path.clone(),
-        problem: format!("nothing of it is taken, of {}", names.join(", ")),
+        problem: format!("none of its columns is used: {}", names.join(", ")),
         expected: "--map 'COLUMN=QUANTITY:UNIT' for one of them, or the other files alone".to_owned(),
     })
 }

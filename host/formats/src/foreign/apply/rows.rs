@@ -69,7 +69,9 @@ pub(super) fn missing_origin() -> TableError {
     TableError::Map {
         choice: "--z-from".to_owned(),
         problem: "missing".to_owned(),
-        expected: "guide1 or surface: from where the positions along the needle (z_mm) are".to_owned(),
+        expected:
+            "guide1 or surface: the place from which the positions along the needle (z_mm) are measured"
+                .to_owned(),
     }
 }
 
@@ -84,7 +86,7 @@ pub(super) fn check_times(shape: Option<&ShapeSeries>, end_s: f64) -> Result<(),
     Err(TableError::Map {
         choice: "time_s".to_owned(),
         problem: format!("the shape is at {least_s:.3} to {most_s:.3} s, and the force at 0 to {end_s:.3} s"),
-        expected: "a shape that was measured during the run: one clock (--merge-on COLUMN), with the same day and half of the day"
+        expected: "a shape that was measured during the run: one clock (--merge-on COLUMN), with the same day, and am or pm alike"
             .to_owned(),
     })
 }

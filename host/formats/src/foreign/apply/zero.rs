@@ -161,7 +161,7 @@ pub(super) fn refer_tip(
         ),
         Zero::Auto => {
             notes.push(format!(
-                "{name} {statement}, more than a needle that entered straight would have left its line by then: is it a position? It is taken as it is \
+                "{name} {statement}, farther from 0 than a needle that entered straight is at this depth: is it a position? It is taken as it is \
                  written (--zero first counts from where it begins)"
             ));
             return;
