@@ -1,7 +1,7 @@
 //! Sensitivity of a session, before its diagnosis: the smallest size of every effect that would be named.
 //!
-//! Noise, split, starting model, discrepancy and evidence are those of [`diagnose`](super::diagnose). There is no search, and the
-//! confirmation by held-out runs is not taken into account.
+//! Noise, split, starting model and discrepancy are those of [`diagnose`](super::diagnose), and so is the evidence, except that priors of
+//! sizes are normal instead of heavy-tailed. There is no search, and the confirmation by held-out runs is not taken into account.
 
 use super::known::Released;
 use super::results::Estimate;

@@ -50,12 +50,12 @@ impl Scale {
     }
 }
 
-/// Standard deviation of the sizes that a careful laboratory would overlook, as a multiple of that of an ordinary rig.
+/// Scale of the prior of an effect's size, as a multiple of the size that a careful laboratory would overlook.
 const OVERLOOKED: f64 = 3.0;
 
 /// Prior of an effect's parameter inside the fits. A place or a time has mean and standard deviation of a uniform distribution over the
-/// likely values. Any other parameter has its neutral value as mean, and this standard deviation or that of sizes that may be
-/// overlooked, whichever is smaller.
+/// likely values. Any other parameter has its neutral value as mean, and as standard deviation the smaller of this one and
+/// [`OVERLOOKED`] times the size that may be overlooked.
 pub(super) fn prior(info: &ParameterInfo) -> Prior {
     let scale = Scale::of(info);
     let [low, high] = info.likely.map(|end| scale.inside(end));
@@ -82,7 +82,7 @@ pub(super) struct Layout {
     pub effects: Vec<&'static dyn Effect>,
     /// Whether the stated positions of guide 2 and the surface are exact.
     pub stated_is_exact: bool,
-    /// Priors of their parameters from elsewhere, which replace those of the catalogue.
+    /// Priors of the effects' parameters from elsewhere, which replace those of the catalogue.
     pub known: Arc<[KnownParameter]>,
     /// Whether the imaging of any shape is known.
     pub has_images: bool,

@@ -232,7 +232,7 @@ impl Fitted {
             }
             self.covariance += &regression * regression.transpose() * (with_tails - variance);
         }
-        // The regression is linear and may leave the range of a parameter, in which every mean lies; therefore the values are clipped.
+        // The regression is linear and may move a value out of the range of its parameter; therefore the values are clipped.
         let ranges = self.layout.parameters(&self.values);
         for (value, range) in self.values.iter_mut().zip(&ranges) {
             *value = value.clamp(range.least, range.most);

@@ -34,7 +34,7 @@ pub(super) struct Score {
     /// Logarithm of the evidence over the current model.
     pub log_evidence: f64,
     /// Start values for a fit: values at the best hypotheses and amplitudes. They include neighbours of the best place, because
-    /// that place changes far from the neutral value.
+    /// another place may be the best for a large effect.
     pub starts: Vec<Vec<f64>>,
     /// Whether the session can identify this effect: a likely size would be significant, or there is evidence for a larger one.
     pub is_identifiable: bool,
@@ -155,7 +155,7 @@ impl Scores {
         })
     }
 
-    /// Every amplitude of every hypothesis with its part of the score, in the order of the catalogue.
+    /// Every amplitude of every hypothesis, in the order of the catalogue.
     pub fn amplitudes(&self) -> Vec<Amplitude> {
         let of_hypothesis = |effect: &'static dyn Effect, hypothesis: &Hypothesis| {
             let infos = effect.parameters();
@@ -285,9 +285,9 @@ impl Scores {
 struct PreparedHypothesis {
     /// Posterior covariance of its amplitudes.
     covariance: DMatrix<f64>,
-    /// Occam factor of its volume.
+    /// Minus the logarithm of its Occam factor.
     occam: f64,
-    /// Factor for amplitudes of one side.
+    /// Logarithm of a factor of 2 for every one-sided amplitude.
     sides: f64,
 }
 

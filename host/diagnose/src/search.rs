@@ -2,7 +2,7 @@
 //!
 //! Around a model every effect of the catalogue and every law of the grammar is scored, the best are fitted, and each gets its
 //! weight ([`super::weights`]). While some effect is missing with the stated probability, the most probable one is added.
-//! Held-out runs have a veto: an effect that increases their misfit is refused.
+//! Held-out runs have a veto: an effect that does not reduce their misfit is refused.
 
 mod beginnings;
 mod leaders;
@@ -286,8 +286,8 @@ impl<'a> Search<'a> {
             ));
             current = self.without_needless(best.fitted, prior);
         }
-        // An effect that is better than one of the first shows only after the later ones were added, and a later effect may have made an
-        // earlier one needless.
+        // An alternative to one of the first effects may become better only after the later ones were added, and a later effect may have made
+        // an earlier one needless.
         let mut members = self.members(&current, first, prior)?;
         let mut visited = vec![current.layout.clone()];
         while let Some(better) = self.better(&current, &members) {
@@ -420,8 +420,8 @@ impl<'a> Search<'a> {
         let in_place = members.iter().find_map(|member| {
             let best = member.class.first()?;
             let own = current.layout.effects.get(member.index)?;
-            // The exchange must not increase the held-out misfit, unless the present effect is not in its own class: it is then refuted, or
-            // is a law that predicts the same as a named effect.
+            // The exchange must reduce the held-out misfit, unless the present effect is not in its own class: it is then refuted, is a law
+            // that predicts the same as another explanation, or is one of the improbable explanations that the class omits.
             let is_explanation = member.class.iter().any(|one| one.effect.id() == own.id());
             let is_better = best.effect.id() != own.id()
                 && (!is_explanation || self.judge.held_out_shrinks(current, &best.fitted));

@@ -1,8 +1,8 @@
 //! Joint fit of a set of laws: parameters, noise, sizes of the discrepancy, and the evidence.
 //!
 //! The method is Gauss-Newton in the metric of noise and discrepancy. Every iteration takes a step that is halved until the
-//! objective does not grow. Before the step the first iterations, and the last one, maximize the evidence of the linearised model
-//! over sizes and noise. At the end Laplace's method gives the evidence.
+//! objective does not grow. The first iterations and the last one also maximize the evidence of the linearised model over sizes and
+//! noise. At the end Laplace's method gives the evidence.
 
 use super::basis::Basis;
 use super::bench::{Bench, Coordinate, Law};

@@ -7,11 +7,11 @@
 //! not one reading ahead. A better model has smaller errors of both kinds, one of them significantly smaller; the smaller of the
 //! two p-values is doubled (Bonferroni).
 //!
-//! The difference of the squared errors is a sum over readings of the difference of the two predictions, which is known, times
-//! the mean of the two errors, which is random. The autocovariance of these errors is that of the model's own errors over whole
+//! The difference of the squared errors is a sum over readings of twice the difference of the two predictions, which is known,
+//! times the mean of the two errors, which is random. Its autocovariance is estimated by that of the model's own errors over whole
 //! runs, up to the first pair of lags whose sum is not positive (Geyer, "Practical Markov chain Monte Carlo", Stat. Sci. 7:473,
-//! 1992). These errors are noise alone if the model is right, and contain half of the difference of the two models if both are
-//! equally far from the truth.
+//! 1992). The model's own errors are noise alone if the model is right, and contain half of the difference of the two models if
+//! both are equally far from the truth.
 //! Student's t test, with the effective number of independent readings, decides whether the difference is significant (Vuong,
 //! Econometrica 57:307, 1989). With the variance of the differences themselves, a law that acts twice in a run would count as
 //! two readings, however many readings confirm it.
@@ -90,7 +90,7 @@ fn series(bench: &Bench<'_>, residuals: &[DVector<f64>]) -> Vec<Vec<f64>> {
     series
 }
 
-/// Autocovariance of a series about zero at a lag, divided by the length of the series.
+/// Autocovariance of a series about zero at a lag, with the length of the series as divisor.
 fn mean_product(series: &[f64], lag: usize) -> f64 {
     series.iter().zip(series.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>() / series.len().max(1) as f64
 }
@@ -100,8 +100,8 @@ fn mean_product(series: &[f64], lag: usize) -> f64 {
 fn covariances(errors: &[f64]) -> (Vec<f64>, f64) {
     let count = errors.len() as f64;
     let mut covariances: Vec<f64> = Vec::new();
-    // Sums over pairs of neighbouring lags are positive and decrease for a stationary series; they are cut off at the first pair that is
-    // not positive.
+    // Sums over pairs of neighbouring lags are positive and decrease for a stationary reversible Markov chain; they are cut off at the first
+    // pair that is not positive.
     let (mut sum, mut previous_pair) = (0.0, f64::INFINITY);
     while covariances.len() + 1 < errors.len() {
         let lag = covariances.len();

@@ -2,8 +2,9 @@
 //!
 //! Around a fit every candidate is scored, and the best are fitted. The weight of each is its evidence times its prior times
 //! the e-value of the held-out runs; in the prior, "a law is missing" and "none is" have equal probability, and all candidates
-//! are equally probable. While some law is missing with the stated probability, the most probable law that held-out runs do not
-//! refuse is added. Then every law is removed in turn and compared with its rivals, which gives its probability.
+//! with one parameter are equally probable; every further parameter of a law halves its probability. While some law is
+//! missing with the stated probability, the most probable law that held-out runs do not refuse is added. Then every law is removed
+//! in turn and compared with its rivals, which gives its probability.
 
 use super::basis::Basis;
 use super::bench::{Bench, Law};
@@ -217,8 +218,8 @@ impl Search<'_> {
         }
     }
 
-    /// Adds laws while one is missing with the stated probability and held-out runs confirm it. If no single law is, pairs are tried,
-    /// provided that a misfit remains or held-out runs have refused a law.
+    /// Adds laws while one is missing with the stated probability and held-out runs confirm it. If no single law can be added, pairs are
+    /// tried, provided that a misfit remains or held-out runs have refused a law.
     fn grow(&self, mut current: Fitted) -> Result<(Fitted, Vec<Refused>), Error> {
         loop {
             if current.laws.len() >= MAX_LAWS {

@@ -38,7 +38,7 @@ impl HeavyTailedParameter {
     }
 }
 
-/// Student's t with three degrees of freedom, the heaviest tail of whole degrees that still has a standard deviation. A stated
+/// Student's t with three degrees of freedom, the smallest whole number with which it has a standard deviation. A stated
 /// position is mostly right within its tolerance, and now and then wrong by many tolerances, for example if a guide was
 /// measured to its other face. An effect mostly has a size that a careful laboratory may overlook, and now and then a much
 /// larger one. Under a normal prior ten standard deviations would cost fifty nats, and a wrong effect at two standard

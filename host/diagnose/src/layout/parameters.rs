@@ -72,7 +72,7 @@ impl Layout {
     }
 
     /// Start values of the first fits. The modulus from insertions by hand depends on the clamping of the rear and the distance
-    /// of the surface, and has several local optima.
+    /// of the surface, so that the objective has several local optima.
     pub fn starts(&self, first: &[f64]) -> Vec<Vec<f64>> {
         if !(self.kinds[1] && self.rig.has_one_guide()) {
             return vec![first.to_vec()];

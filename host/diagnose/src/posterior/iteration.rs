@@ -93,7 +93,7 @@ impl<'a> Iteration<'a> {
             return Ok(());
         }
         // No fraction of the step lowers the objective. If the linearised model promises more, the objective may have a jump on the way,
-        // where a place passes readings: the fit continues once from the end of the whole step.
+        // where the depth or time of an effect passes that of a reading: the fit continues once from the end of the whole step.
         let there = if self.before_jump.is_none() && !is_short {
             stepped(layout, runs, &self.point, &step)
         } else {

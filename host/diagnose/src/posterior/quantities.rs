@@ -9,8 +9,8 @@ use crate::layout::{NORMAL_975, Scale};
 use nalgebra::{DMatrix, DVector};
 
 const MM: f64 = 1e-3;
-/// Steps of the numerical derivatives, in posterior standard deviations. They are long because a mean changes in jumps with a boundary of
-/// layers.
+/// Steps of the numerical derivatives, in posterior standard deviations. They are long because the mean modulus changes in
+/// jumps when a boundary of layers moves.
 const SLOPE_SD: f64 = 0.5;
 /// A discrepancy counts as larger than that of an ordinary rig if it exceeds this multiple of it.
 const LARGER: f64 = 1.1;

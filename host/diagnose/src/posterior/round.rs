@@ -12,7 +12,7 @@ const MAX_STEP_SD: f64 = 1.2;
 /// Largest number of halvings of a step.
 const MAX_HALVINGS: usize = 5;
 
-/// A covariance in units of the priors, as the parameters are inside the fits.
+/// Converts a covariance from units of the priors to the scale of the fits.
 pub(super) fn in_units(covariance: &DMatrix<f64>, parameters: &[Parameter]) -> DMatrix<f64> {
     let sds: Vec<f64> = parameters.iter().map(prior_sd).collect();
     DMatrix::from_fn(sds.len(), sds.len(), |i, j| sds[i] * covariance[(i, j)] * sds[j])

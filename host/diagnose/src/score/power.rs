@@ -1,8 +1,9 @@
 //! Smallest size of an effect that data show (theory, eq. 88).
 //!
-//! An effect of amplitude `a` in direction i projects `a G_i` on all directions, `G` their scalar products in the metric of noise and
-//! discrepancy, and noise adds a normal vector of covariance `G`. So the distribution of the evidence by
-//! [`Scores::log_evidence`] is known before a search, from the same matrix, prior and average over places.
+//! An effect of amplitude `a` in direction i adds `a G_i` to the projections of the residuals on all directions, and noise and discrepancy
+//! add a normal vector of covariance `G`; the elements of `G` are the scalar products of the directions in the metric of noise and
+//! discrepancy. So the distribution of the evidence by [`Scores::log_evidence`] is known before a search, from the same matrix, prior and
+//! average over places.
 
 use super::{PreparedHypothesis, Scores, mean_of_exponentials};
 use crate::layout::Scale;

@@ -4,7 +4,7 @@ use super::directions::Hypothesis;
 use super::{Scores, mean_of_exponentials};
 use mechanics::effects::Effect;
 
-/// One amplitude of an effect at one place, of an effect that is not in the model.
+/// One amplitude, at one place, of an effect that is not in the model.
 #[derive(Debug, Clone)]
 pub(crate) struct Unseen {
     pub effect: &'static dyn Effect,

@@ -93,8 +93,8 @@ impl Search<'_> {
         Ok(best.filter_map(pair).collect())
     }
 
-    /// The fit of this effect together with the last one of a model, if the search already has the candidates beside this effect;
-    /// `Some(None)` if the other effect was not fitted there, because others were ahead.
+    /// The fit of an effect together with the last effect of a model, from the candidates beside the former; `None` if the search does not
+    /// have these candidates yet, `Some(None)` if the effect of the model was not fitted among them because others were ahead.
     fn pair_beside(&self, effect: &dyn Effect, with: &Fitted) -> Option<Option<Fitted>> {
         let second = with.layout.effects.last()?;
         let mut effects: Vec<&'static str> = self.start.layout.effects.iter().map(|own| own.id()).collect();

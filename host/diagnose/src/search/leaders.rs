@@ -51,7 +51,7 @@ impl Pair {
     }
 }
 
-/// The lowest score beside the best one for which a fit is tried.
+/// The lowest score for which a fit is tried if the best score is `best`.
 pub(in super::super) fn leading(best: f64) -> f64 {
     best - BEHIND.max(BEHIND_SHARE * best)
 }
@@ -103,8 +103,8 @@ impl Search<'_> {
             })
             .for_each(|candidate| candidate.refit = self.refit(base, &candidate.score));
         candidates.sort_by(by_promise);
-        // A fit that has not converged is continued unless it promises far less than the best fit has reached. If its score promises more
-        // than any fit has reached, a further fit starts from another place.
+        // A fit is continued unless it is improbable or, behind the first `MAX_SETTLED`, promises far less than the best fit has reached. If
+        // the score of a fit that has not converged promises more than any fit has reached, a further fit starts from another place.
         let best_gain = candidates.iter().map(Candidate::gain).fold(f64::NEG_INFINITY, f64::max);
         let near = best_gain + NO_WEIGHT;
         let promised_score = least_promised_score(&candidates, best_gain.max(0.0));
@@ -214,7 +214,7 @@ impl Search<'_> {
 }
 
 /// Score from which on a fit that has not converged is tried from another place. Such a score promises more than any fit has reached, for
-/// example because the plain model has a modulus far from the true one and the first rounds did not come back.
+/// example because the plain model has a modulus far from the true one and the first rounds did not reach it.
 fn least_promised_score(candidates: &[Candidate], best_gain: f64) -> f64 {
     let mut promised_scores: Vec<f64> = candidates
         .iter()

@@ -29,9 +29,9 @@ impl Search<'_> {
     /// Judges models, each with the logarithm of its odds, by the held-out data. A model is refuted by another one that could be stated
     /// alone, has no less evidence, is not refuted itself and gives the held-out data a significantly higher density. A model that only
     /// leaves a significantly larger misfit, with the errors of the instruments and differences between runs as nuisances, is not
-    /// refuted: other imperfections of an ordinary rig may be the cause, which absorb much of the misfit of a wrong effect and are part
-    /// of the evidence. But it loses any advantage of its prior over that of the other model, so that the evidence decides. Two
-    /// models that no run distinguishes do not affect each other, whatever sizes of the discrepancy their fits have.
+    /// refuted, because other imperfections of an ordinary rig may be the cause; the evidence takes these into account. But the model
+    /// loses any advantage of its prior over that of the other model, so that the evidence decides. Two models that no run distinguishes
+    /// do not affect each other, whatever sizes of the discrepancy their fits have.
     pub(super) fn by_held_out<'f>(
         &self,
         models: impl Iterator<Item = Option<(f64, &'f Fitted)>>,

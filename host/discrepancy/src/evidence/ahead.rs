@@ -9,8 +9,8 @@
 //!
 //! The parts of the runs are predicted one after the other, each given the parts before it. With `Lambda = I + sum U^T U` and
 //! `eta = sum U^T d` over the parts so far, minus twice the logarithm of their joint density is `sum d^T d - eta^T Lambda^-1
-//! eta + ln det Lambda`, and the term of a part is its increment. So the terms add up to the joint density, and a common error
-//! of a run, such as its zero, counts once: the first part estimates it for the others.
+//! eta + ln det Lambda`, and the term of a part is its increment. So the terms add up to the value for all parts, and a common
+//! error of a run, such as its zero, counts once: the first part estimates it for the others.
 
 use super::{Patterns, scale_columns, sizes_of};
 use nalgebra::{DMatrix, DVector};
@@ -38,7 +38,7 @@ pub struct FurtherRun {
 pub struct Ahead {
     /// Squared Mahalanobis distance of the readings from their expectation.
     pub square: f64,
-    /// Logarithm of the determinant of the covariance of that expectation and noise, in units of the noise.
+    /// Logarithm of the determinant of the predictive covariance of the readings, in units of the noise.
     pub ln_determinant: f64,
     /// Number of readings.
     pub readings: usize,
@@ -55,7 +55,7 @@ impl Known {
         Self { precision: DMatrix::identity(count, count), by_precision: DVector::zeros(count) }
     }
 
-    /// The same posterior with `own` further amplitudes of the prior before the others.
+    /// The same posterior with `own` further amplitudes, which have their prior, before the others.
     fn beside(self, own: usize) -> Self {
         let Self { precision, by_precision } = self;
         let count = own + by_precision.len();

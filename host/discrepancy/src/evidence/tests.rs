@@ -126,7 +126,7 @@ fn likeliest_sizes_are_a_minimum_and_leave_known_ones() {
     assert_eq!(sizes_found[2], 0.3);
 }
 
-/// The misfit is large and the start is a thousandth of the typical sizes.
+/// The misfit is large and the start is less than a thousandth of the typical sizes.
 #[test]
 fn sizes_are_found_from_far_away() {
     let (patterns, mut columns) = drawn();
