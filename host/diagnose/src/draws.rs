@@ -89,7 +89,11 @@ impl<'a> Deviations<'a> {
     /// Adds the parameters of an effect under their names, which state the units.
     pub fn add_effect(&self, effect: &dyn Effect, draws: &mut Draws) {
         for (number, info) in effect.parameters().iter().enumerate() {
-            let mut random = Random::new(self.options.seed, APART);
+            let name = parameter_name(effect, info.name);
+            // Deviates of different parameters are independent.
+            let stream =
+                name.bytes().fold(APART, |stream, byte| stream.wrapping_mul(257).wrapping_add(byte.into()));
+            let mut random = Random::new(self.options.seed, stream);
             let pairs = self.picks.iter().zip(&self.deviations);
             let values = pairs.map(|(pick, deviation)| {
                 let deviate = random.normal();
@@ -97,7 +101,7 @@ impl<'a> Deviations<'a> {
                 value_of(fitted, deviation, effect, number, deviate)
             });
             let values = values.map(|value| value.unwrap_or(info.neutral)).collect();
-            draws.scalar(Group::Posterior, &parameter_name(effect, info.name), values);
+            draws.scalar(Group::Posterior, &name, values);
         }
     }
 

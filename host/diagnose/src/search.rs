@@ -194,6 +194,12 @@ impl<'a> Search<'a> {
         })))
     }
 
+    /// Whether laws are tried beside a fit. With a reference none is: an effect that both sessions share is not named, and one by which they
+    /// differ needs a name of the catalogue.
+    fn may_have_laws(&self, fitted: &Fitted) -> bool {
+        self.catalogue.laws && fitted.layout.reference.is_none()
+    }
+
     /// Prior of the models that the search may come to.
     fn prior(&self) -> Result<ModelPrior, FitError> {
         let scores = self.scored_names(self.start)?;
@@ -262,9 +268,8 @@ impl<'a> Search<'a> {
             }
             // A law is supported by its fit alone, and some law describes the imperfections of every rig. Therefore laws are tried only if
             // the misfit of the training runs or of the held-out data exceeds such imperfections, or if an effect of the catalogue is
-            // missing, in whose place a law may be better. With a reference no law is tried: an effect that both sessions share is not
-            // named, and one by which they differ needs a name of the catalogue.
-            let may_have_laws = self.catalogue.laws && current.layout.reference.is_none();
+            // missing, in whose place a law may be better.
+            let may_have_laws = self.may_have_laws(&current);
             let is_left = !adequacy.is_adequate() || !self.judge.is_chance(&current);
             let mut candidates = self.candidates(&current, prior, may_have_laws && is_left)?;
             let mut missing = self.missing(&candidates, &current);

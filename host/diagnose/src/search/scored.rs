@@ -51,13 +51,13 @@ impl Search<'_> {
         })
     }
 
-    /// Scores of names and of laws beside a fit, best first, with the directions of the start.
+    /// Scores of names beside a fit, and of laws if these are tried, best first, with the directions of the start.
     ///
     /// # Errors
     /// Where a size of the discrepancy makes no sense.
     pub(super) fn foreseen(&self, base: &Fitted) -> Result<[Vec<Score>; 2], FitError> {
         let names = std::slice::from_ref(self.names());
-        let laws = self.laws().columns.as_slice();
+        let laws = if self.may_have_laws(base) { self.laws().columns.as_slice() } else { &[] };
         Ok([discover::ranked(names, base, self.patterns)?, discover::ranked(laws, base, self.patterns)?])
     }
 
