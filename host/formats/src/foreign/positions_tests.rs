@@ -193,5 +193,5 @@ fn a_withdrawal_and_jumps_of_a_table_are_left_out_with_their_lines() {
     let mut held = stage(0.0, 1.0);
     (80..100).for_each(|row| held[row].1 = 1.28);
     let notes = insertion(&held, "mm", Zero::Auto).expect("a run").notes.join("\n");
-    assert!(notes.contains("\"Tip y [mm]\" is exactly 1.28 in 20 readings"), "{notes}");
+    assert!(notes.contains("\"Tip y [mm]\" is exactly 1.28 in 20 consecutive readings"), "{notes}");
 }
