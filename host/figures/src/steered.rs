@@ -2,6 +2,7 @@
 
 use super::{FONT, FigureError, GREY, WIDTH, axes, band, failed, legend, range};
 use plotters::prelude::*;
+use std::ops::Range;
 
 /// Quantities of a run's figure, millimetres.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -93,6 +94,14 @@ fn band_edge(sign: f64, plane: usize, planned_mm: &[[f64; 4]]) -> Vec<f64> {
     planned_mm.iter().map(|one| one[1 + plane] + sign * 1.96 * one[3]).collect()
 }
 
+/// Range of all points of a run at the target's depth, along y or x.
+fn extent_mm(run: &Steered, plane: usize) -> Range<f64> {
+    let corners = run.reachable_mm.iter().map(|corner| corner[plane]);
+    let expected = run.expected_mm.iter().map(|stop| stop[plane]);
+    let tip = run.tip_mm.map(|tip_mm| tip_mm[plane]);
+    range(corners.chain(expected).chain([run.target_mm[plane]]).chain(tip))
+}
+
 /// The plane of the target's depth: what could be reached, the tip as it was expected at each stop (paler, earlier) and where it is.
 ///
 /// # Errors
@@ -103,17 +112,7 @@ pub fn steered_target(run: &Steered) -> Result<String, FigureError> {
         let area = SVGBackend::with_string(&mut svg, (700, 700)).into_drawing_area();
         area.fill(&WHITE).map_err(failed)?;
         let area = area.titled("At the target's depth", (FONT, 22)).map_err(failed)?;
-        let all = |plane: usize| {
-            let corners = run.reachable_mm.iter().map(move |corner| corner[plane]);
-            let expected = run.expected_mm.iter().map(move |one| one[plane]);
-            range(
-                corners
-                    .chain(expected)
-                    .chain([run.target_mm[plane]])
-                    .chain(run.tip_mm.map(|tip_mm| tip_mm[plane])),
-            )
-        };
-        let mut chart = axes(&area, all(0), all(1), "y, mm", "x, mm")?;
+        let mut chart = axes(&area, extent_mm(run, 0), extent_mm(run, 1), "y, mm", "x, mm")?;
         let corners: Vec<(f64, f64)> = run.reachable_mm.iter().map(|[x, y]| (*x, *y)).collect();
         chart
             .draw_series([Polygon::new(corners, GREY.mix(0.2))])

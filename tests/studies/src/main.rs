@@ -178,10 +178,10 @@ fn steered(args: &Args) -> Result<()> {
     // Parameters that runs in air determine.
     let of_rig = [Kind::Backlash, Kind::Frame, Kind::Clamp].map(|kind| (kind, Controller::Characterized));
     // A whole name is that one alone.
-    let is_named = |who: Controller| who.name() == args.method;
-    let is_exact = Controller::ALL.into_iter().any(is_named);
-    let is_requested =
-        |who: Controller| if is_exact { is_named(who) } else { who.name().starts_with(&args.method) };
+    let is_exact = Controller::ALL.into_iter().any(|who| who.name() == args.method);
+    let is_requested = |who: Controller| {
+        if is_exact { who.name() == args.method } else { who.name().starts_with(&args.method) }
+    };
     let mut calibration = String::new();
     let mut unsteered: Option<studies::steer::Row> = None;
     for (kind, controller) in plain
