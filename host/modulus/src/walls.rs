@@ -220,7 +220,7 @@ mod tests {
         let shallow = walls(None, 5.0);
         assert!(
             shallow.not_stated.is_none()
-                && shallow.note(None).is_some_and(|note| note.contains("off by half"))
+                && shallow.note(None).is_some_and(|note| note.contains("wrong by half"))
         );
     }
 
