@@ -22,7 +22,7 @@ const OTHERS: [(&str, &[&str]); 5] = [
             "host/diagnose/src/known.rs MOVED_SD",
             "host/diagnose/src/posterior/round.rs MAX_STEP_SD",
             "host/diagnose/src/posterior.rs SAME_SD",
-            "host/diagnose/src/posterior.rs SETTLED_SD",
+            "host/diagnose/src/posterior/iteration.rs SETTLED_SD",
             "host/diagnose/src/posterior/quantities.rs SLOPE_SD",
             "host/discrepancy/src/evidence/integrated.rs POINT_SD",
             "host/discrepancy/src/fit.rs MAX_STEP_SD",
