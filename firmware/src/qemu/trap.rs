@@ -137,7 +137,7 @@ unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return
         0..=3 => frame.r0_to_r3[usize::from(register)] = value,
         4..=11 => saved[usize::from(register) - 4] = value,
         12 => frame.r12 = value,
-        // What remains is LR: the decoder refuses the stack pointer and the program counter.
+        // The remaining register is LR: the decoder refuses the stack pointer and the program counter.
         _ => frame.lr = value,
     };
     let mut transfer = |register: u8, word: u32| {

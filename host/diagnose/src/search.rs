@@ -210,7 +210,7 @@ impl<'a> Search<'a> {
     /// Logarithm of the largest weight of the start and of the models with one possible named effect beside it.
     ///
     /// # Errors
-    /// Where the model cannot be evaluated.
+    /// [`FitError`] if the model cannot be evaluated.
     pub fn ln_weight_of_names(&self) -> Result<f64, FitError> {
         let prior = self.prior()?;
         let candidates = self.candidates(self.start, &prior, false)?;

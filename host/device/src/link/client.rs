@@ -261,7 +261,7 @@ impl Client {
     /// Sends a command until it is answered; a status or a calibration that comes directly before the answer is returned with it. A
     /// status further before was unsolicited, and may be from before the request.
     ///
-    /// What changes something is sent again as the same frame, so that the device carries it out once. A query changes nothing, and is
+    /// A request that changes something is sent again as the same frame, so that the device carries it out once. A query changes nothing, and is
     /// sent again under an id of its own: a keepalive then needs to arrive, and not its answer.
     fn exchange(&mut self, request: Request) -> Result<Option<Message>, LinkError> {
         let mut id = self.take_id()?;

@@ -8,6 +8,7 @@ use readings::{Parameter, Prior};
 const BY_HAND_PA: [f64; 4] = [5e3, 25e3, 100e3, 400e3];
 /// Largest distance of guide 2 and the surface from their stated positions.
 const OFFSET_M: f64 = 10e-3;
+/// Step of the differences along them: a thirtieth of the tolerance of guide 2, far above rounding.
 const OFFSET_STEP_M: f64 = 1e-5;
 
 impl Layout {

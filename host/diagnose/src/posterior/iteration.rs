@@ -11,7 +11,8 @@ use crate::weights::same;
 use nalgebra::DMatrix;
 use readings::{FitError, Parameter};
 
-/// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
+/// A fit has come to its end once a step is shorter than this, in posterior standard deviations: the log evidence of a point so near is lower by
+/// a thousandth (`0.05^2 / 2`) per parameter, as much as the sizes of the discrepancy leave.
 const SETTLED_SD: f64 = 0.05;
 /// Sizes of the discrepancy are found to these gains of log evidence: at the end of a fit to a thousandth, because differences between models
 /// matter from about 1 on; on the way to it within 0.3 of their posterior standard deviations (`0.3^2 / 2`), as the parameters move on.
@@ -87,8 +88,8 @@ impl<'a> Iteration<'a> {
         let metric = Metric::new(patterns, sizes).ok_or(FitError::Undetermined)?;
         if let Some(next) = descend(layout, runs, &metric, parameters, &self.point, &step) {
             // After a short step the sensitivities are as before.
-            let known = is_short.then(|| self.linearised.sensitivities.clone());
-            self.linearised = linearised(&self.problem, &next, sizes, known)?;
+            let same_sensitivities = is_short.then(|| self.linearised.sensitivities.clone());
+            self.linearised = linearised(&self.problem, &next, sizes, same_sensitivities)?;
             (self.point, self.settled) = (next, is_short);
             return Ok(());
         }
@@ -114,8 +115,8 @@ impl<'a> Iteration<'a> {
     /// Ends at the present point.
     fn settle(&mut self) -> Result<(), FitError> {
         let Linearised { sensitivities, likeliest, .. } = &self.linearised;
-        let known = Some(sensitivities.clone());
-        self.linearised = linearised(&self.problem, &self.point, &likeliest.sizes, known)?;
+        let same_sensitivities = Some(sensitivities.clone());
+        self.linearised = linearised(&self.problem, &self.point, &likeliest.sizes, same_sensitivities)?;
         self.settled = true;
         Ok(())
     }

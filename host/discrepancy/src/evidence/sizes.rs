@@ -73,9 +73,9 @@ impl Objective<'_> {
         curvature: &SymmetricEigen<f64, Dyn>,
         longest: f64,
     ) -> (DVector<f64>, f64) {
-        let along = curvature.eigenvectors.tr_mul(&self.slopes(point));
+        let axis_slopes = curvature.eigenvectors.tr_mul(&self.slopes(point));
         let mut promised = 0.0;
-        let steps = along.zip_map(&curvature.eigenvalues, |slope, curvature| {
+        let steps = axis_slopes.zip_map(&curvature.eigenvalues, |slope, curvature| {
             let steepness = curvature.abs().max(slope.abs() / longest);
             let step = if steepness > 0.0 { -slope / steepness } else { 0.0 };
             promised -= step * (slope + 0.5 * step * curvature.abs());
